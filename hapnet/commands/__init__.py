@@ -1,1 +1,1 @@
-"""The commands: a file with a function of its name is one (`hapnet.cli`); the other files are what they share."""
+"""The commands: a file with a function of its own name is a command (`hapnet.cli`); commands share the other files."""

@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from hapnet.simulation.batch import BatchRun
 
 LONG_S = 1000.0
-"""From this total simulated time on [s], starting processes is worthwhile."""
+"""From this total simulated time on [s], several processes are started."""
 
 
 _WIDE = 100
-"""From this width of a terminal on [columns] the table has quartiles."""
+"""In a terminal of at least this width [columns] the table has quartiles."""
 
 
 def seed_range(text: str) -> range:
     """The seeds of ``A:B``, from A to B - 1.
 
-    Raises InvalidParameter: these are not two whole numbers, or there is no seed between them.
+    Raises InvalidParameter: the text is not two whole numbers, or B is not above A.
     """
     found = re.fullmatch(r"(\d{1,18}):(\d{1,18})", text.strip())
     seeds = range(int(found[1]), int(found[2])) if found else range(0)
@@ -40,7 +40,7 @@ def seed_range(text: str) -> range:
 
 
 def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int:
-    """Simulate every seed in `workers` processes (0: as many as help); print a table, write one object per seed."""
+    """Simulate every seed in `workers` processes (0: chosen here); print a table, write one JSON object per seed."""
     from hapnet.assembly.build import prepare
     from hapnet.processes.pool import usable_cores
     from hapnet.simulation.batch import simulate_batch
@@ -58,9 +58,9 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
     style = "bold red" if verdicts[False] else "bold yellow" if verdicts[None] else "bold green"
     words.print(f"of {len(runs)} scenarios {verdicts[True]} were passive, {verdicts[False]} were not", style=style)
     if verdicts[None]:
-        words.print(f"not known for {verdicts[None]}; the first: {_first(runs, None)}", style="yellow", markup=False)
+        words.print(f"not known: {verdicts[None]}; the first is {_first(runs, None)}", style="yellow", markup=False)
     if verdicts[False]:
-        words.print(f"the first that was not passive: {_first(runs, False)}", style="red", markup=False)
+        words.print(f"the first not passive is {_first(runs, False)}", style="red", markup=False)
     if why_not := next((run.not_compiled for run in runs if run.not_compiled is not None), None):
         output.show_kernel(words, why_not)
     output.write_json([as_dict(run) for run in runs], json_to)
@@ -130,5 +130,5 @@ def _of_direction(direction: Direction) -> Iterator[tuple[str, Callable[[Summary
 
 
 def _words(value: float) -> str:
-    """The value with four digits; anything below the tolerance is rounding, and shown as 0."""
+    """The value with four digits; smaller values than 1e-6 are rounding errors, and shown as 0."""
     return f"{round(value, 6) + 0.0:.4g}"

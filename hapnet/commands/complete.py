@@ -25,8 +25,8 @@ _UNQUOTED = frozenset("._-+=@%/,")  # characters that need no quotes in any shel
 def glue() -> bool:
     """Join the words of bash's line that contain an ``=``; returns whether the last one does.
 
-    bash splits words at ``=``, and then wants only what follows it: see `behind`. click joins ``--flag=value`` itself,
-    but not the ``NAME=VALUE`` of ``--set``.
+    bash splits words at ``=``, and then expects only the part after it: see `behind`. click joins ``--flag=value``
+    itself, but not the ``NAME=VALUE`` of ``--set``.
     """
     words = os.environ.get("COMP_WORDS", "").split("\n")[: int(os.environ.get("COMP_CWORD", "0")) + 1]
     line, glued = words[:1], False
@@ -46,12 +46,12 @@ def behind(offered: str) -> str:
 
 
 def choices(parameter: str) -> Callable[[], list[str]]:
-    """The texts that a parameter allows."""
+    """A function that returns the texts that a parameter allows."""
     return lambda: list(_allowed(parameter))
 
 
 def words(*given: str) -> Callable[[], list[str]]:
-    """These words."""
+    """A function that returns these words."""
     return lambda: list(given)
 
 
@@ -61,12 +61,12 @@ def profiles() -> list[tuple[str, str]]:
 
 
 def couplings() -> list[str]:
-    """hapnet's own, and those that packages publish."""
+    """hapnet's own couplings, and those that packages publish."""
     return [*COUPLING_NAMES, *published(GROUP)]
 
 
 def scenes() -> list[tuple[str, str]]:
-    """Worlds by name with what they are, the solids that need no file, and what packages publish."""
+    """Worlds by name with a description, the solids that need no file, and worlds that packages publish."""
     from hapnet.plant.scenes import SCENES
     from hapnet.plant.worlds.registry import GROUP, about
 
@@ -88,17 +88,17 @@ def operators(incomplete: str) -> list[str]:
 
 
 def assignments(incomplete: str) -> list[tuple[str, str]]:
-    """``NAME=`` of every parameter; if only one fits, also ``NAME=VALUE`` with its default and its other choices.
+    """``NAME=`` for every parameter; if only one matches, also ``NAME=VALUE`` with its default and other choices.
 
-    So there are always two with the same beginning, and the shell adds no space after the ``=``.
+    So at least two offers have the same beginning, and the shell adds no space after the ``=``.
     """
     values = Params().flat()
     names = [name for name in values if name.startswith(incomplete.partition("=")[0])]
     found = [(f"{name}=", str(_about(name)["doc"]).replace("[", "\\[")) for name in names]  # no markup: a unit
     if len(names) == 1:
         (name,) = names
-        reported = dict.fromkeys((_word(values[name]), *_allowed(name)))
-        found += [(f"{name}={value}", found[0][1]) for value in reported if value]
+        offered = dict.fromkeys((_word(values[name]), *_allowed(name)))
+        found += [(f"{name}={value}", found[0][1]) for value in offered if value]
     return found
 
 
@@ -108,7 +108,7 @@ def specs(incomplete: str) -> list[str]:
 
 
 def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
-    """Paths with this beginning: files with one of these endings, and directories. A single directory is opened."""
+    """Paths with this beginning: files with one of these endings, and directories; of a lone directory its content."""
     found: list[str] = []
     for _ in range(20):
         directory, slash, start = incomplete.rpartition("/")
@@ -131,7 +131,7 @@ def files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
 
 
 def _about(parameter: str) -> Mapping[str, Any]:
-    """A parameter's meaning, and its allowed values."""
+    """A parameter's description and allowed values."""
     section, _, last = parameter.rpartition(".")
     owner = Params().get(section) if section else Params()
     return next(field.metadata for field in fields(owner) if field.name == last)
@@ -147,6 +147,6 @@ def _plain(name: str) -> bool:
 
 
 def _word(value: object) -> str:
-    """A value as `--set` takes it; empty if a shell would need quotes."""
+    """A value in the form of `--set`; empty if a shell would need quotes."""
     text = str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
     return text if _plain(text) else ""

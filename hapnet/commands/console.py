@@ -1,13 +1,12 @@
-"""Commands from `hapnet play` to the two running sides: one JSON object per line, on their standard input.
+"""Receives commands from `hapnet play` in a running side: one JSON object per line, on standard input.
 
 ``{"do": "lead", "position": [x, ...]}``, ``{"do": "link", "words": "..."}``, ``{"do": "pause", "on": true}``,
 ``{"do": "record", "path": "..." or null}``, ``{"do": "let_go", "why": "..."}`` and
-``{"do": "stop_force", "why": "..."}``; ``{"do": "leave_at_once"}`` before it is asked to stop. The
-network carries no commands:
-only the process that has started a side can command it.
+``{"do": "stop_force", "why": "..."}``; ``{"do": "leave_at_once"}`` before the signal to stop. The network
+carries no commands: only the process that has started a side can command it.
 
 A new command needs a case here and a method of `RealtimeSide`. A button for it needs a method of `Controls`
-(hapnet/ext/page/controls.py) and a line in the panel beside it; `hapnet play` passes it on.
+(hapnet/ext/page/controls.py) and a line in the panel; `hapnet play` passes the command on.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from netem.errors import NetemError
 
 
 async def run_console(side: RealtimeSide, complain: Callable[[str], None]) -> None:
-    """Run the commands on standard input until it ends. A bad line is reported and changes nothing."""
+    """Run the commands on standard input until it ends. A bad line is reported and has no other effect."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     async for line in reader:
@@ -33,7 +32,7 @@ async def run_console(side: RealtimeSide, complain: Callable[[str], None]) -> No
             _do(side, json.loads(line))
         except (HapnetError, NetemError) as error:
             complain(str(error))
-        except Exception as error:  # whatever is wrong with one command, the next one is read
+        except Exception as error:  # after any error in one command the next command is read
             complain(f"not a command: {line!r:.80} ({type(error).__name__}: {error})")
 
 

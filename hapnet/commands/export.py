@@ -1,4 +1,4 @@
-"""`hapnet export`: one or two recordings as CSV and Parquet; two hosts' are aligned."""
+"""`hapnet export`: writes one or two recordings as CSV and Parquet; recordings of two hosts are aligned."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def export(
     json_to: flags.Json = None,
     out: Annotated[Path | None, typer.Option(help="Directory for the tables.", show_default="beside FILE")] = None,
 ) -> int:
-    """One table for each side and one of the events. A vector is a column for each axis; an unknown value is empty.
-    With --format rosbag2 it is a bag that `ros2 bag` plays; that needs no ROS here, but the extra ros2.
+    """Writes a table for each side and a table of the events. A vector has a column for each axis; an unknown value is
+    empty. With --format rosbag2 it writes a bag that `ros2 bag` plays; this needs the extra ros2, but no ROS.
     """
     from hapnet.recording import alignment
     from hapnet.recording.export import ROSBAG, export as exported, formats

@@ -41,7 +41,7 @@ Hardware = Annotated[
     typer.Option(
         "--device",
         metavar="NAME[:OPTIONS]|MODULE:CLASS",
-        help="A real device (`hapnet devices`), your own, or an arm (omni, arm:FILE.urdf), not a simulated mass.",
+        help="A real device (`hapnet devices`), your own, or an arm (omni, arm:FILE.urdf); not a simulated mass.",
         autocompletion=complete.devices,
     ),
 ]
@@ -49,8 +49,8 @@ Follower = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="A robot that follows the device, in the virtual mass's place: simulated (among the scene's contacts), "
-        "or a driver's.",
+        help="A robot that follows the device, in place of the virtual mass: simulated (among the scene's contacts), "
+        "or the name of a driver.",
         autocompletion=complete.devices,
     ),
 ]
@@ -69,7 +69,7 @@ Rendering = Annotated[
         "--rendering",
         "--feel",
         help="hapnet (a local contact model and prediction before the coupling), paper (as published), or auto: hapnet "
-        "for pspm and zoh, what its authors allow for each other coupling.",
+        "for pspm and zoh, and the rendering that its authors allow for each other coupling.",
         autocompletion=complete.choices("rendering"),
     ),
 ]
@@ -87,7 +87,7 @@ Dof = Annotated[int | None, typer.Option(help="Degrees of freedom, 1 to 3; the s
 Seed = Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Seed of everything random.")]
 Trust = Annotated[
     bool,
-    typer.Option("--trust", help="Import the modules that the recording names, as its author's code, without asking."),
+    typer.Option("--trust", help="Import the modules that the recording names (they can run any code) without asking."),
 ]
 ReplaySeed = Annotated[
     int | None,
@@ -112,7 +112,7 @@ Schema = Annotated[bool, _params("--schema", help="With --show-params: print a J
 
 
 def _writable(target: str | None) -> str | None:
-    """The target of `--json`, which is looked at before anything runs."""
+    """The target of `--json`, checked before the command runs."""
     if target not in (None, "-"):
         path = Path(target)
         if path.is_dir() or not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
@@ -181,24 +181,26 @@ Mode = Annotated[
     str | None, _zenoh("-m", "--mode", help="peer, client or router.", autocompletion=complete.words(*complete.MODES))
 ]
 Connect = Annotated[
-    list[str] | None, _zenoh("-e", "--connect", metavar="ENDPOINT", help="Dial this, such as tcp/192.168.0.2:17447.")
+    list[str] | None, _zenoh("-e", "--connect", metavar="ENDPOINT", help="Address to dial: tcp/192.168.0.2:17447.")
 ]
 Listen = Annotated[
-    list[str] | None, _zenoh("-l", "--listen", metavar="ENDPOINT", help="Listen here, such as tcp/0.0.0.0:17447.")
+    list[str] | None, _zenoh("-l", "--listen", metavar="ENDPOINT", help="Address to listen on: tcp/0.0.0.0:17447.")
 ]
 Config = Annotated[str | None, _zenoh("-c", "--config", help="Zenoh configuration file.")]
 NoScouting = Annotated[bool, _zenoh("--no-multicast-scouting", help="Do not look for peers by multicast.")]
 Cfg = Annotated[list[str] | None, _zenoh("--cfg", metavar="KEY:JSON5", help="Override a key of Zenoh's configuration.")]
 TlsCa = Annotated[
     Path | None,
-    _security("--tls-ca", metavar="FILE", help="Certificate of the authority that signed the other side's."),
+    _security("--tls-ca", metavar="FILE", help="Certificate of the authority that signs the other side's certificate."),
 ]
 TlsCert = Annotated[Path | None, _security("--tls-cert", metavar="FILE", help="This side's certificate.")]
-TlsKey = Annotated[Path | None, _security("--tls-key", metavar="FILE", help="Its private key, without a passphrase.")]
+TlsKey = Annotated[
+    Path | None, _security("--tls-key", metavar="FILE", help="This side's private key, without a passphrase.")
+]
 MutualTls = Annotated[
     bool, _security("--mutual-tls", help="The dialling side needs a certificate too, signed by --tls-ca.")
 ]
-User = Annotated[str | None, _security("--user", metavar="NAME", help="The name to dial with; it needs a password.")]
+User = Annotated[str | None, _security("--user", metavar="NAME", help="User name for dialling; it needs a password.")]
 PasswordFile = Annotated[
     Path | None,
     _security(
@@ -211,7 +213,7 @@ SecretFile = Annotated[
     _security(
         "--secret-file",
         metavar="FILE",
-        help="A file whose first line only the two sides know: nobody else can take part.",
+        help="A file whose first line is a secret of the two sides: nobody else can take part.",
     ),
 ]
 
@@ -219,7 +221,7 @@ Encrypt = Annotated[
     bool,
     _security(
         "--encrypt",
-        help="Pair with nobody who cannot encrypt; telemetry is encrypted too. Best with --secret-file.",
+        help="Pair only with a side that encrypts; telemetry is encrypted too. Best with --secret-file.",
     ),
 ]
 
@@ -232,18 +234,19 @@ Log = Annotated[
     str | None,
     typer.Option("--log", metavar="FILE|-", help="Log events, one JSON object per line; -: to stdout, without text."),
 ]
-Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or has been gone for 10 s.")]
+Once = Annotated[bool, typer.Option("--once", help="End when the other side has left, or was silent for 10 s.")]
 Progress = Annotated[bool, typer.Option("--progress", hidden=True)]
 OnSilence = Annotated[
     str | None,
     typer.Option(
         "--on-silence",
-        help="When nothing arrives: hold the set-position, or release the spring.",
+        help="While nothing arrives: hold the set-position, or release the spring.",
         autocompletion=complete.choices("device.on_silence"),
     ),
 ]
 SilenceAfter = Annotated[
-    float | None, typer.Option("--silence-after", help="Seconds without messages that are a silence; 0.5 by default.")
+    float | None,
+    typer.Option("--silence-after", help="A silence begins after so many seconds without messages; 0.5 by default."),
 ]
 Deadband = Annotated[
     float | None,

@@ -1,4 +1,4 @@
-"""The real devices that were checked on this machine, a file for each user: a new one is asked about only once."""
+"""The real devices that were checked on this machine, in a file of the user, who is asked once about a new device."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ MASS = "mass_kg"
 
 
 def file() -> Path:
-    """Where they are remembered."""
+    """The path of the file."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "hapnet" / "devices.json"
 
 
 def mass_of(device: str, dof: int) -> Vector | None:
-    """The apparent mass of each axis, when the device was checked [kg]; None: it is new here.
+    """The apparent mass of each axis, measured when the device was checked [kg]; None: the device is new here.
 
-    Empty: it could not be seen, or it was checked with another number of axes than `dof`.
+    Empty: it could not be measured, or the device was checked with another number of axes than `dof`.
     """
     try:
         masses = [float(mass) for mass in _all()[device][MASS]]
@@ -38,7 +38,7 @@ def mass_of(device: str, dof: int) -> Vector | None:
 
 
 def remember(device: str, mass: Vector) -> None:
-    """The device was checked. A file that cannot be written is no failure: it is asked about again."""
+    """Store that the device was checked. If the file cannot be written, the user is asked again next time."""
     known = _all()
     known[device] = {MASS: list(mass)}
     try:
@@ -50,9 +50,9 @@ def remember(device: str, mass: Vector) -> None:
 
 
 def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
-    """The parameters, with the mass that the device is known to have; before a new one the user is asked.
+    """The parameters, with the stored mass of the device; for a new device the user is asked first.
 
-    ask : shows a text and waits for the user; None: there is nobody to ask.
+    ask : shows a text and waits for the user; None: no user to ask.
     """
     if not _is_pushed(params):
         return params
@@ -70,7 +70,7 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
 
 
 def learn(params: Params, summary: Summary) -> None:
-    """After a run: a device that was new is not any more."""
+    """After a run: store a device that was new."""
     device = summary["device"]
     if (
         _is_pushed(params)

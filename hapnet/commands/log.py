@@ -1,6 +1,6 @@
-"""A side's notices: text for people on the console, one JSON object per line for programs.
+"""Writes a side's notices: as text on the console, and as one JSON object per line for programs.
 
-A notice that repeats is shown to people a few times, and then only counted; a log for programs has all of them.
+A notice that repeats is shown on the console a few times, and then only counted; a log for programs has all notices.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ REPEATING = frozenset({"silent", "heard", "overrun", "link", "rate"})
 @dataclass
 class _Kind:
     begin_ns: int
-    reported: int = 0
+    shown: int = 0
     not_shown: int = 0
     text: str = ""
 
 
 class Repeats:
-    """Decides which notices people see; `who` names the side that sends them.
+    """Decides which notices are shown on the console; `who` is the name of the side that sends them.
 
-    shown : how often within `EVERY_NS` a kind of notice is shown.
+    shown : how many notices of a kind are shown within `EVERY_NS`.
     """
 
     def __init__(self, shown: int = REPORTED) -> None:
@@ -50,42 +50,42 @@ class Repeats:
         self._kinds: dict[tuple[str, str], _Kind] = {}
 
     def line(self, who: str, kind: str, text: str, now_ns: int) -> str | None:
-        """The line to show for a notice, with the number of those not shown before it; None: do not show it."""
+        """The line to show for a notice, with the number of hidden notices before it; None: do not show it."""
         if kind not in REPEATING:
             return text
         found = self._kinds.get((who, kind))
         if found is None or now_ns - found.begin_ns >= EVERY_NS:
             not_shown = found.not_shown if found is not None else 0
-            self._kinds[who, kind] = _Kind(now_ns, reported=1)
+            self._kinds[who, kind] = _Kind(now_ns, shown=1)
             return f"{text} ({not_shown} more like this before it)" if not_shown else text
-        if found.reported < self._shown:
-            found.reported += 1
+        if found.shown < self._shown:
+            found.shown += 1
             return text
         found.not_shown += 1
         found.text = text
         return None
 
     def rest(self) -> list[tuple[str, str]]:
-        """At the end: for each kind with notices that were not shown, its side and a line about them."""
+        """At the end: for each kind with hidden notices, its side and a line that counts them."""
         not_shown = [(who, kind) for (who, _), kind in self._kinds.items() if kind.not_shown]
         self._kinds.clear()
         return [(who, f"{kind.text} (the last of {kind.not_shown} more like this)") for who, kind in not_shown]
 
 
 class Log:
-    """Writes notices. A notice that cannot be written (full disk, the reader has left) is skipped; the run continues.
+    """Writes notices. A notice that cannot be written (full disk, closed pipe) is skipped; the run continues.
 
     Each line has the time of the monotonic clock and the time of day. The system clock is read only once, at the start,
-    so its later steps do not show.
+    so its later steps have no effect.
 
     role : of this side.
-    console : for people; None: none.
-    target : where JSON lines go: a file, "-" for standard output, None: nowhere.
+    console : shows text; None: no text is shown.
+    target : of the JSON lines: a file, "-" for standard output; None: they are not written.
     progress : log the run's progress too.
 
     Attributes
     ----------
-    failure : one line on why the file is not complete; None if it is.
+    failure : one line with the reason why the file is not complete; None if it is.
 
     Raises HapnetError: the file cannot be written.
     """
@@ -106,7 +106,7 @@ class Log:
             raise HapnetError(f"cannot write the log {target}: {error.strerror or error}") from None
 
     def notify(self, notice: Notice) -> None:
-        """Log a notice, for programs and for people."""
+        """Write a notice to the log and to the console."""
         if notice.kind == "progress" and not self._progress:
             return
         self.write(notice)
@@ -115,7 +115,7 @@ class Log:
             self._say(replace(notice, text=text))
 
     def write(self, notice: Notice) -> None:
-        """Log a notice, for programs only."""
+        """Write a notice to the log only."""
         if self._file is None:
             return
         line = json.dumps(record(notice, self._role, self._time(notice.at_ns)), ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The groups of options that commands share, and what follows from them: parameters, Zenoh's settings, outputs."""
+"""The groups of options that commands share, and the values made of them: parameters, Zenoh's settings, outputs."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 SECURITY = ("tls_ca", "tls_cert", "tls_key", "mutual_tls", "user", "password_file", "users", "secret_file", "encrypt")
 
 NO_LINK: Mapping[str, object] = {"link.up": "", "link.down": ""}
-"""The default for two hosts on a real network: no emulation unless asked for."""
+"""The default for two hosts on a real network: no emulated link unless the user gives one."""
 
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """The parts that are coupled, and the coupling."""
+    """The parts of a run (scene, operator, device or robots), and the coupling between them."""
 
     scene: flags.Scene = None
     operator: flags.Operator = None
@@ -46,7 +46,7 @@ class ModelOptions:
     deadband: flags.Deadband = None
 
     def named(self, *sides: str) -> dict[str, object]:
-        """The given parameters by their dotted names; those about silence for each of these sides."""
+        """The given parameters by their dotted names; the parameters for silence are set for each of `sides`."""
         found: dict[str, object] = {
             "hardware": self.hardware,
             "follower.robot": self.follower,
@@ -96,13 +96,13 @@ class LinkOptions:
         for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
             text = self.timeline if given is None else given
             if text is not None:
-                from netem import Timeline  # it imports numpy, which --help must not do
+                from netem import Timeline  # imported here, as it imports numpy, which --help must not do
 
                 changes[f"link.{name}_timeline"] = str(Timeline.read(text))
         return params.set(changes, FLAG)
 
     def for_all_of(self, params: Params) -> Params:
-        """`params` without the timelines of those directions for which these flags give another link."""
+        """`params` without the timelines of the directions for which these flags give another link."""
         both = self._both
         given = {"up": both or self.uplink is not None, "down": both or self.downlink is not None}
         return params.set({f"link.{direction}_timeline": "" for direction, other in given.items() if other}, FLAG)
@@ -113,7 +113,7 @@ class LinkOptions:
         return any(flag is not None for flag in (self.link, self.profile, *self._effects.values()))
 
     def _direction(self, default: str) -> str:
-        """The words of one direction: the default, changed by the flags."""
+        """The text of one direction's link: the default, changed by the flags."""
         words, name = self.link, self.profile
         if words is not None and name is None and ALIASES.get(words, words) in PRESETS:
             words, name = None, words  # a profile that one property may be set on top of
@@ -131,7 +131,7 @@ OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "do
 
 @dataclass(frozen=True)
 class ParamsOptions:
-    """Where parameters come from, besides the flags with names of their own."""
+    """The sources of parameters besides the flags with names of their own."""
 
     params_file: flags.ParamsFile = None
     assign: flags.Assign = None
@@ -141,9 +141,9 @@ class ParamsOptions:
     def over(self, base: Params, named: Mapping[str, object] | None = None, links: LinkOptions | None = None) -> Params:
         """Defaults, then the file, then `named` (None: not given), then the link flags, then `--set`.
 
-        Each overrides those before it.
+        Each overrides the sources before it.
 
-        Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
+        Raises InvalidParameter, netem.NetemError: one line that names the value and what is allowed.
         """
         params = base if self.params_file is None else base.load(self.params_file)
         params = params.set({name: value for name, value in (named or {}).items() if value is not None}, FLAG)
@@ -157,7 +157,7 @@ class ParamsOptions:
         return params
 
     def show(self, params: Params) -> int:
-        """Print what `--show-params` asks for: TOML that `--params` reads, or the schema of such a file; returns 0."""
+        """Print TOML that `--params` reads or, with `--schema`, the schema of such a file; returns 0."""
         text = params.toml()
         if self.schema:
             from hapnet.param_schema import schema
@@ -176,7 +176,7 @@ class ParamsOptions:
 
 @dataclass(frozen=True)
 class ZenohOptions:
-    """Zenoh's flags, and who may connect."""
+    """Zenoh's flags, and the security flags."""
 
     mode: flags.Mode = None
     connect: flags.Connect = None
@@ -196,11 +196,11 @@ class ZenohOptions:
 
     @property
     def leave_this_host(self) -> bool:
-        """Whether the other side is to be reached by an endpoint or a configuration."""
+        """Whether the flags give an endpoint or a configuration with which to reach the other side."""
         return bool(self.connect or self.listen or self.config)
 
     def words(self) -> list[str]:
-        """The flags again, for another command that has them."""
+        """The flags as words of a command line, for another command that accepts them."""
         found = [word for endpoint in self.connect or () for word in ("--connect", endpoint)]
         found += [word for endpoint in self.listen or () for word in ("--listen", endpoint)]
         found += [word for entry in self.cfg or () for word in ("--cfg", entry)]
@@ -212,7 +212,7 @@ class ZenohOptions:
 
     @property
     def security(self) -> Security:
-        """The security flags, with the password from the environment for users who do not want it in a file."""
+        """The security settings of these flags, with the password from the environment if it is set there."""
         from hapnet.transport.security import PASSWORD_VARIABLE, Security
 
         given = {field.name: getattr(self, field.name) for field in fields(self) if field.name in SECURITY}

@@ -1,4 +1,4 @@
-"""The results of a run, however it ended: one summary of its sides' reports and recordings, and the files."""
+"""The results of a run, whatever ended it: one summary of both sides' reports and recordings, and the files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json
 
 
 class Outcome(NamedTuple):
-    """A run's summary; and what was recorded of it, with each file and its content, if anything was."""
+    """A run's summary, its joined recording (None: nothing was recorded), and each recorded file with its content."""
 
     summary: Summary
     recording: Recording | None
@@ -38,11 +38,11 @@ def of_pair(
     seed: int,
     written: output.Written,
 ) -> Outcome:
-    """Of a run of both sides on this machine.
+    """Join the results of a run of both sides on this machine.
 
-    reported : by role, the summary that a process left at its end; of one that was killed the samples count. files : by
-    role, the recordings that there are. failed : by role, why a side ended before its time. setup, seed : of the run.
-    written : takes what is missing.
+    reported : by role, the summary that a process wrote at its end; for a killed process the samples are used. files :
+    by role, the existing recordings. failed : by role, the reason why a side ended early. setup, seed : of the run.
+    written : collects a line for each missing part.
     """
     recordings: dict[str, Recording] = {}
     seconds = max((side["duration_s"] or 0.0 for side in reported.values()), default=0.0)
@@ -58,7 +58,7 @@ def of_pair(
             written.missing.append(f"not in the report: {error}")
     whole: Recording | None = None
     try:
-        held = [one for one in recordings.values() if one.device is not None or one.world is not None]
+        held = [each for each in recordings.values() if each.device is not None or each.world is not None]
         whole = join(*held) if len(held) == 2 else held[0] if held else None
     except RecordingError as error:
         written.missing.append(f"no report: {error}")
@@ -72,7 +72,7 @@ def of_pair(
 
 
 def of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
-    """Of one side that has ended, with its recording, if it wrote one."""
+    """Join the summary of one side that has ended with its recording, if it wrote one."""
     if not file.exists():
         return Outcome(summary, None, [])
     try:
@@ -84,7 +84,7 @@ def of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
 
 
 def write_files(found: Outcome, directory: Path, written: output.Written) -> None:
-    """Write the summary and, of what was recorded, the page and the figure into `directory`."""
+    """Write the summary into `directory` and, if there is a recording, the page and the figure."""
     with written.part():
         output.write_json(found.summary, str(directory / "summary.json"))
     if found.recording is not None:
@@ -98,11 +98,11 @@ def write_files(found: Outcome, directory: Path, written: output.Written) -> Non
 def write(report: Any, directory: Path, page: str, names: Mapping[str, str], written: output.Written) -> list[str]:
     """Write the page of a `Report`, and the pictures for which `names` has a file name; returns the written names.
 
-    written : collects what cannot be written.
+    written : collects the errors.
     """
-    there = []
+    names_written = []
     for name, data in report.content(page, names).items():
         with written.part():
             extension("reports").save(data, directory / name, "figure" if name.endswith(".png") else "report")
-            there.append(name)
-    return there
+            names_written.append(name)
+    return names_written

@@ -1,4 +1,4 @@
-"""The output of every command: the summary for people and for machines, recordings and figures in one directory."""
+"""The output of every command: the summary as text and as JSON, and recordings and figures in one directory."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 def asker() -> Callable[[str], object] | None:
-    """Return the function that asks the user on the terminal; None: there is no terminal, so nobody to ask."""
+    """Return the function that asks the user on the terminal; None if there is no terminal."""
     return input if sys.stdin.isatty() and sys.stdout.isatty() else None
 
 
 def console(json_to: str | None) -> Console:
-    """The console for people: standard error if the JSON object goes to standard output, otherwise standard output."""
+    """The console for text: standard error if the JSON object goes to standard output, otherwise standard output."""
     from rich.console import Console
 
     stream = _ForgivingStream(sys.stderr if json_to == "-" else sys.stdout)
@@ -43,9 +43,9 @@ def progress_console() -> Console:
 
 
 class _ForgivingStream:
-    """A stream whose reader may leave (``| head``, a closed terminal, a full disk): then it is silent, and no error.
+    """A stream that discards output, without an error, once it cannot be written (``| head``, a full disk).
 
-    room : on a terminal, erase a bar of progress before writing; it is drawn again below.
+    room : on a terminal, erase the progress bar before writing; it is drawn again below.
     """
 
     def __init__(self, stream: IO[str], *, room: bool = True) -> None:
@@ -75,7 +75,7 @@ class _ForgivingStream:
 
 
 def silence(stream: IO[str]) -> None:
-    """Discard what is written to `stream` from now on; otherwise the interpreter would fail at its exit."""
+    """Discard all later output to `stream`; otherwise the interpreter would fail at its exit."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -84,9 +84,9 @@ _SIGPIPE = 141
 
 
 def unless_closed(command: Callable[[], int]) -> int:
-    """The exit code of `command`; 141, as after SIGPIPE, if the reader of standard output has left (``| head``).
+    """The exit code of `command`; 141, as after SIGPIPE, if the reader of standard output has exited (``| head``).
 
-    Where standard output takes nothing (a full disk), that is said in one line.
+    If standard output cannot be written (a full disk), one line reports it.
     """
     try:
         code = command()
@@ -111,12 +111,12 @@ def unless_closed(command: Callable[[], int]) -> int:
 
 
 class Written:
-    """Tracks the output of a run: each part is written even if another one has failed.
+    """Collects the failures of a run's output, so that each part is written even if another part has failed.
 
     Attributes
     ----------
-    missing : a line for each part that is missing or not complete, and one if the servo was away for too long.
-    broken : a line for each claim that was not kept. contradicted : somebody else spoke in a side's name.
+    missing : a line for each part that is missing or not complete, and a line if the servo stalled for too long.
+    broken : a line for each broken claim. contradicted : True if a third party sent messages in the name of a side.
     """
 
     def __init__(self) -> None:
@@ -127,7 +127,7 @@ class Written:
     def judge(self, summary: Mapping[str, Any], params: Params | None, *, virtual: bool, ran: bool = True) -> None:
         """Note if the coupling of a run broke its claim; the arguments are those of `verdict.broken`.
 
-        ran : it ran here. A file may name any module, and none is loaded because of that.
+        ran : the run was made here, so its coupling may be loaded; a module that only a file names is not loaded.
         """
         from hapnet.assembly.own_parts import named_failures
         from hapnet.couplings import registry
@@ -135,24 +135,24 @@ class Written:
 
         spec = registry.coupling(params.coupling) if ran and params is not None else None
         self.contradicted = verdict.contradicted(summary)
-        with nullcontext() if params is None else named_failures(params):  # a user's own law says what it covers
+        with nullcontext() if params is None else named_failures(params):  # a user's own law states its claim
             broken = verdict.broken(summary, params, virtual=virtual, spec=spec)
         if broken:
             why = verdict.judge(summary)["reason"]
-            self.broken.append(f"the coupling {summary.get('coupling')} did not keep passivity, as it claims: {why}")
+            self.broken.append(f"the coupling {summary.get('coupling')} claims to be passive, but was not: {why}")
         elif (line := verdict.overloaded(summary)) is not None:
             self.missing.append(line)
 
     @contextmanager
     def part(self) -> Iterator[None]:
-        """A context to write one part in; a failure is reported at the end."""
+        """A context in which one part is written; a failure is reported at the end."""
         try:
             yield
         except (OutputError, RecordingError) as error:
             self.missing.append(str(error))
 
     def code(self, code: int = 0) -> int:
-        """The exit code of a run that otherwise ends with `code`; prints what is missing and broken, one line each."""
+        """The exit code of a run that otherwise ends with `code`; prints the missing parts and the broken claims."""
         from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, NOT_PASSIVE
 
         for lines in (self.missing, self.broken):
@@ -166,17 +166,17 @@ class Written:
 
 
 def complain(line: str) -> None:
-    """One line on standard error, if anybody is left to read it."""
+    """Write one line to standard error, if it is still open."""
     with suppress(OSError):
         sys.stderr.write(f"hapnet: {line}\n")
 
 
 _made: list[Path] = []
-"""Directories that this process has made for output."""
+"""Directories that this process has created for output."""
 
 
 def remove_empty() -> None:
-    """Remove those made directories that are still empty: a command that has failed leaves none."""
+    """Remove the created directories that are still empty, so that a failed command leaves none."""
     for path in sorted(_made, key=lambda path: -len(path.parts)):  # the inner ones first
         with suppress(OSError):
             path.rmdir()
@@ -184,9 +184,9 @@ def remove_empty() -> None:
 
 
 def run_directory(out: Path | None, which: int | str | None) -> Path:
-    """The directory for a command's output, made if needed: `out`, or runs/<UTC time>-<seed or name>.
+    """The directory for a command's output, created if needed: `out`, or runs/<UTC time>-<seed or name>.
 
-    Raises MissingLibrary: what makes recordings and figures is not installed. HapnetError: it cannot be made.
+    Raises MissingLibrary: the extra for recordings and figures is not installed. HapnetError: it cannot be created.
     """
     require("report", "writing recordings and figures")
     path = default_directory(out, which)
@@ -207,7 +207,7 @@ def default_directory(out: Path | None, which: int | str | None) -> Path:
 
 
 def discard(directory: Path, *names: str) -> None:
-    """Remove the directory under runs/ of a run that never began, with these files; not if anything else is in it."""
+    """Remove the directory of a run that never began, with these files, unless it contains other files."""
     with suppress(OSError):
         if {file.name for file in directory.iterdir()} <= set(names):
             for name in names:
@@ -217,7 +217,7 @@ def discard(directory: Path, *names: str) -> None:
 
 
 def write_json(value: Mapping[str, Any] | Sequence[Mapping[str, Any]], json_to: str | None) -> None:
-    """Write `value` to a file, or to standard output for "-"; None: nowhere. A file appears when it is whole.
+    """Write `value` to a file, or to standard output for "-"; None: not at all. The file appears when it is complete.
 
     Raises OutputError: it cannot be written.
     """
@@ -249,9 +249,9 @@ def write_csv(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
 
 
 def write_line(file: int, line: bytes, name: str) -> None:
-    """Append to the open file called `name`. Raises OutputError if it cannot be written."""
+    """Append `line` to the open file with this name. Raises OutputError if it cannot be written."""
     try:
-        while line:  # a disk that is nearly full may take only a part
+        while line:  # on a nearly full disk only a part may be written
             line = line[os.write(file, line) :]
     except OSError as error:
         raise OutputError(f"cannot write {name}: {error.strerror or error}") from error
@@ -264,18 +264,18 @@ def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
 
 
 def show_kernel(out: Console, why_not: str | None) -> None:
-    """Say whether the compiled kernel makes the run, and why not."""
+    """Print whether the compiled kernel made the run, and if not the reason."""
     out.print("run by the compiled kernel" if why_not is None else f"not run by the compiled kernel: {why_not}")
 
 
 def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
-    """The verdict and what matters most in three lines or, if `verbose`, all tables."""
+    """Print the verdict and the main results in a few lines or, if `verbose`, all tables."""
     from hapnet.summary.tables import brief_text, summary_text
 
     out.print(summary_text(summary) if verbose else brief_text(summary))
 
 
 def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:
-    """Print the last line of a run: which of the files `names` are in `directory`."""
+    """Print the last line of a run: the files of `names` that exist in `directory`."""
     if there := [name for name in names if (directory / name).exists()]:
         out.print(f"files: {', '.join(there)} in {directory}{more}", markup=False)

@@ -46,27 +46,27 @@ from hapnet.transport.config import free_address, local_address
 NONE_READY: Mapping[str, Standby] = MappingProxyType({})
 
 STOP_LIMIT_S = 30.0
-"""How long the processes may take to end after the request [s]; then they are killed."""
+"""The processes are killed if they have not ended this long after the request [s]."""
 
 
 class Pair:
     """Two child processes: a world that listens, and a device that dials it.
 
-    params, seed : of both. directory : for the parameters, and for what both write.
+    params, seed : of both. directory : for the parameters, and for the files of both.
     on_notice : called with each notice: role, the raw line, and its content.
-    record : both record, to device.mcap and world.mcap in `directory`. console : both take commands (`send`).
-    realtime : of the device. session : of both; None: a random one. address : where the world listens for others
-        too; the two are connected by a Unix socket.
+    record : both record, to device.mcap and world.mcap in `directory`. console : both accept commands (`send`).
+    realtime : of the device. session : of both; None: a random name. address : another address on which the world
+        listens; the two sides are connected by a Unix socket.
     keyboard : the device's class may read standard input.
     place : where device and proxy begin [m], for a hand that is led; None: where the scene and the hand begin.
-    orphaned : where each side leaves its summary if this process is killed; None: nowhere.
+    orphaned : the directory for each side's summary if this process is killed; None: it is not written.
 
     Attributes
     ----------
-    parts : the summary of each side that has left one.
+    parts : by role, the summary that a side has written.
     errors : by role, the lines on standard error.
-    failure : one line on the process that ended although nobody had asked it to, or that stood still; None: none.
-    failed : by role, why a side ended before its time. refused : one did so by itself, and said why.
+    failure : one line on the process that ended without a request, or that was stopped by a signal; None: no failure.
+    failed : by role, the reason why a side ended early. refused : a side ended early by itself, with an error line.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Pair:
         self._record, self._console, self._realtime = record, console, realtime
         self._children: dict[str, ProgramOnLoop] = {}
         self._reports: dict[str, asyncio.Task[bytes]] = {}
-        self._reported = False
+        self._asked_to_end = False
         self._environment = {PARENT: str(os.getpid())} | ({CONSOLE: "1"} if console else {})
         if place is not None:
             self._environment[PLACE] = json.dumps(place)
@@ -106,7 +106,7 @@ class Pair:
             self._environment[ORPHANED] = str(orphaned.absolute())
 
     async def start(self, ready: Mapping[str, Standby] = NONE_READY) -> None:
-        """Start both, by role as one of the processes that are `ready`, if any is; these are for a pair with `console`.
+        """Start both sides, in the processes in `ready` (by role, only for a pair with `console`) or in new ones.
 
         Raises HapnetError if the parameters cannot be written.
         """
@@ -120,7 +120,7 @@ class Pair:
             self._children[role] = await self._start(role, [*endpoints, *secret], ready.get(role))
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Wait until both have ended: normally, because one failed or stood still, or because `stop` was set."""
+        """Wait until both have ended: normally, as one failed or was stopped by a signal, or as `stop` was set."""
         watchers = [asyncio.create_task(self._watch(role)) for role in self._children]
         stopping = asyncio.create_task(stop.wait())
         stopping.add_done_callback(lambda task: None if task.cancelled() else self.stop())
@@ -158,23 +158,23 @@ class Pair:
                 child.stdin.write(json.dumps(command).encode() + b"\n")
 
     def stop(self) -> None:
-        """Ask both to end; called again: without delay. SIGINT would count twice, as the terminal sends it too.
+        """Request both to end; a second call requests it without delay. Not by SIGINT, which the terminal sends too.
 
-        One that stands still goes on, so that it can end in order: without force, and with a whole recording.
+        A process that a signal has stopped is continued, so that it ends in order: force zero, complete recording.
         """
-        self._reported = True
+        self._asked_to_end = True
         self._signal(signal.SIGTERM)
         if sys.platform != "win32":
             self._signal(signal.SIGCONT)
 
     def _link(self) -> tuple[str, list[str]]:
-        """Where the world listens for the device, and the flags of a word that nobody else knows."""
+        """The address at which the world listens for the device, and the flags with a secret word of the two sides."""
         try:
-            sockets = tempfile.mkdtemp(prefix="hapnet-")  # nobody but this user may look into it
+            sockets = tempfile.mkdtemp(prefix="hapnet-")  # only this user can read it
             word = Path(sockets) / "word"
             word.write_text(secrets.token_hex(16), encoding="ascii")
             word.chmod(0o600)
-        except OSError:  # nothing can be written there
+        except OSError:  # no temporary directory can be written
             return free_address(), []
         self._at_end.callback(shutil.rmtree, sockets, ignore_errors=True)
         return local_address(sockets), ["--secret-file", str(word)]
@@ -186,7 +186,7 @@ class Pair:
             standby.child.stdin.write(json.dumps({"argv": argv, "environment": self._environment}).encode() + b"\n")
             self._reports[role] = asyncio.create_task(_read(standby.report))
             return standby.child
-        report, theirs = os.pipe()  # for the summary, which then needs no room on a disk
+        report, theirs = os.pipe()  # for the summary, which then needs no space on a disk
         try:
             child = await started_on_loop(
                 self._command(role, endpoints, theirs),
@@ -220,14 +220,14 @@ class Pair:
         self.errors[role] = [line.removeprefix("hapnet: ") for line in lines if line.startswith("hapnet: ")]
         with contextlib.suppress(json.JSONDecodeError):
             self.parts[role] = json.loads(await self._reports[role])
-        if code not in (0, INCOMPLETE) and not self._reported and self.failure is None:
+        if code not in (0, INCOMPLETE) and not self._asked_to_end and self.failure is None:
             own = (self.errors[role] or lines) if 0 < code < 128 else []
             self.refused = bool(own) and not own[-1].startswith(NOT_STARTED)
             self.failed[role] = own[-1] if own else how_it_ended(code)
             self.failure = own[-1] if own else f"the {role} process {how_it_ended(code)}"
 
     async def _watch_still(self) -> None:
-        """Say which process stands still, and set `failure` if it does not go on."""
+        """Show which process a signal has stopped, and set `failure` if it does not continue."""
         looks = dict.fromkeys(self._children, 0)
         while max(looks.values()) < LOOKS:
             await asyncio.sleep(LOOK_S)
@@ -235,13 +235,13 @@ class Pair:
                 still = child.returncode is None and stands_still(child.pid)
                 looks[role] = looks[role] + 1 if still else 0
                 if looks[role] == 1:
-                    self._say(role, standing_still(child.pid))
+                    self._notify(role, standing_still(child.pid))
         role = max(looks, key=looks.__getitem__)
         self.failed.setdefault(role, NOT_ON)
         self.failure = self.failure or f"the {role} process {NOT_ON}"
 
-    def _say(self, role: str, text: str) -> None:
-        """A notice about a process that cannot speak for itself."""
+    def _notify(self, role: str, text: str) -> None:
+        """Create a notice in place of a stopped process."""
         at = datetime.now(UTC)
         notice = record(Notice("stopped", text, time.monotonic_ns(), "warning"), role, at)
         self._on_notice(role, json.dumps(notice).encode() + b"\n", notice)
@@ -254,7 +254,7 @@ class Pair:
 
 
 async def _read(pipe: int) -> bytes:
-    """Read everything from a pipe until it is closed."""
+    """Read a pipe until it is closed."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(pipe, "rb", buffering=0)
@@ -263,7 +263,7 @@ async def _read(pipe: int) -> bytes:
 
 
 async def _notices(child: ProgramOnLoop) -> AsyncIterator[tuple[bytes, dict[str, Any]]]:
-    """The lines that a process logs: each as raw bytes, and its content."""
+    """The lines that a process logs: each as raw bytes and as its content."""
     assert child.stdout is not None
     async for line in child.stdout:
         with contextlib.suppress(json.JSONDecodeError):

@@ -1,4 +1,4 @@
-"""The progress of a command: a bar with the time left on a terminal, a line at intervals elsewhere."""
+"""The progress of a command: on a terminal a bar with the remaining time, otherwise a line at intervals."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _drawn: set[Progress] = set()
 
 
 class Progress:
-    """Shows how far a command is, while the ``with`` block lasts; a bar leaves no trace.
+    """Shows the progress of a command during the ``with`` block; a bar is erased at the end.
 
-    console : where it is shown, standard error.
-    doing : what is being done, such as "simulating".
-    total : the final value of what `update` counts; None: unknown.
+    console : of standard error.
+    doing : the activity, such as "simulating".
+    total : the final value of `update`; None: unknown.
     unit : of `total`; "": `doing` contains the numbers.
-    background : draw from a separate thread, so that the time advances even if nobody calls `update`. Without it each
-        `update` is shown at once and nothing runs in between: for measurements.
+    background : draw from a separate thread, so that the time advances between calls of `update`. Without it each
+        `update` is shown at once and nothing runs in between, for measurements.
     clock : [s].
     """
 
@@ -78,14 +78,14 @@ class Progress:
             self._thread.join()
 
     def stage(self, doing: str, total: float | None = None, unit: str = "s") -> None:
-        """Begin another stage, with nothing done yet."""
+        """Begin another stage, at zero."""
         with self._lock:
             self._doing, self._total, self._unit = doing, total, unit
             self._done = 0.0
-            self._first: tuple[float, float] | None = None  # update: when, and how much was done
+            self._first: tuple[float, float] | None = None  # the first update: its time and how much was done
 
     def update(self, done: float, doing: str | None = None) -> None:
-        """Note that `done` of the total is done."""
+        """Set how much of the total is done."""
         self._done = done
         self._doing = doing or self._doing
         if self._first is None:
@@ -110,14 +110,14 @@ class Progress:
                 self._console.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
 
     def _compiling(self, share: float) -> None:
-        """Show on a terminal how far the compiler is, beside what runs meanwhile."""
+        """Show the compiler's progress on a terminal, beside the command's own."""
         self._compiled = share
         if not self._background:
             self.tick()
 
     @contextmanager
     def cleared(self) -> Iterator[None]:
-        """The bar's line is clear meanwhile."""
+        """A context in which the bar's line is clear."""
         with self._lock:
             with suppress(OSError, UnsupportedOperation):
                 os.write(self._console.file.fileno(), _CLEAR)
@@ -126,7 +126,7 @@ class Progress:
     def erase(self) -> None:
         """Clear the line and restore the cursor at once, before the process ends."""
         self._over.set()
-        free = self._lock.acquire(timeout=_REDRAW_S)  # fails only if the terminal blocks whoever draws
+        free = self._lock.acquire(timeout=_REDRAW_S)  # fails only if the terminal blocks the thread that draws
         with suppress(OSError):
             os.write(self._console.file.fileno(), _ERASE)
         if free:
@@ -186,7 +186,7 @@ class Progress:
 
 @contextmanager
 def room() -> Iterator[None]:
-    """Clear the line of any bar, and draw none meanwhile: something else is written there."""
+    """A context in which no bar is drawn, so that other output can be written there."""
     with ExitStack() as held:
         for progress in tuple(_drawn):
             held.enter_context(progress.cleared())
@@ -200,7 +200,7 @@ def erase() -> None:
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it: seconds, minutes, or hours and minutes."""
+    """A duration in seconds, in minutes, or in hours and minutes."""
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

@@ -1,4 +1,4 @@
-"""`hapnet replay`: a recorded run again in virtual time, as it was or through another link or coupling."""
+"""`hapnet replay`: repeats a recorded run in virtual time, unchanged or through another link or coupling."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def replay(
     out: flags.Out = None,
     verbose: flags.Verbose = False,
 ) -> int:
-    """Parameters and seed are the recording's, except those given here. Writes recording, figures and summary.
-    A recording may name a module as its scene, coupling or operator: it is imported if you say yes, or with --trust.
+    """Parameters and seed are taken from the recording, unless given here. Writes recording, figures and summary.
+    A recording may name a module as its scene, coupling or operator: it is imported if you agree, or with --trust.
     """
     file = () if params.params_file is None else Params().load(params.params_file).flat().values()
     typed = [*model.named().values(), *(params.assign or ()), *file]
@@ -112,7 +112,7 @@ def _replay(
 
 
 def table(compared: dict[str, Any], units: str | None = None) -> Table:
-    """Original and replay side by side, in readable units, for axes in `units`; - where a value is unknown."""
+    """The table of original and replay side by side, for axes in `units`; "-" for an unknown value."""
     from rich import box
     from rich.table import Table
 
@@ -138,7 +138,7 @@ def table(compared: dict[str, Any], units: str | None = None) -> Table:
 
 
 def verdict(compared: dict[str, Any], units: str | None = None) -> str:
-    """In one line, how the replay compares with the original."""
+    """One line that compares the replay with the original."""
     if compared["identical"]:
         return "the replay is identical to the original: every value of every sample that both have"
     most, rms = compared["max_position_difference_m"], compared["rms_position_difference_m"]
@@ -149,9 +149,9 @@ def verdict(compared: dict[str, Any], units: str | None = None) -> str:
 
 
 def permits(files: str, typed: Iterable[object], *, trust: bool, ask: Callable[[str], bool] | None = None) -> Permits:
-    """For `loading.permitting`: permits what the user typed, all with `trust`, and what the user says yes to.
+    """For `loading.permitting`: permits names that the user typed or agrees to; with `trust`, all names.
 
-    files : as text. typed : the values of the command line. ask : puts a question to the user; None: on a terminal.
+    files : as text. typed : the values of the command line. ask : asks the user; None: on a terminal.
     """
     answers: dict[str, bool] = {}
     texts = [str(value) for value in typed]
@@ -170,7 +170,7 @@ def permits(files: str, typed: Iterable[object], *, trust: bool, ask: Callable[[
 
 
 def _asked(question: str) -> bool:
-    """The user's answer; no, if there is no terminal."""
+    """The user's answer; False if there is no terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     return typer.confirm(question, default=False, err=True)

@@ -1,4 +1,4 @@
-"""`hapnet run`: runs both processes on this machine, and makes one summary of them."""
+"""`hapnet run`: runs both processes on this machine, and joins their results in one summary."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def run(
     log_to: flags.Log = None,
     realtime: flags.Realtime = False,
 ) -> int:
-    """By default for 10 s, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
+    """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
 
     Writes two recordings, a report, its figure and a summary.
     """
@@ -83,7 +83,7 @@ def run(
             repeats = Repeats()
 
             def on_notice(role: str, line: bytes, notice: dict[str, Any]) -> None:
-                """Show a notice and log it; the device's clock says how far the run is."""
+                """Show a notice and log it; update the progress from the device's clock."""
                 nonlocal running
                 if notice["kind"] != "progress":
                     text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
@@ -125,7 +125,7 @@ def run(
                 write_files(found, directory, written)
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
-            if began and pair.failure is None:  # else the failure is why, and the verdict's line says the rest
+            if began and pair.failure is None:  # else the failure is the reason, and is raised below
                 written.missing += incomplete(found.summary)
             with written.part():
                 output.write_json(found.summary, json_to)
@@ -136,7 +136,7 @@ def run(
 
 
 def _expected(notice: dict[str, Any]) -> bool:
-    """Whether the notice is part of every run. Both sides wait, pair once and leave; the summary shows the path."""
+    """Whether the notice occurs in every run: both sides wait, pair once and leave; the summary shows the path."""
     from hapnet.side.notices import OVER
 
     kind, values = notice["kind"], notice.get("values", {})
@@ -145,7 +145,7 @@ def _expected(notice: dict[str, Any]) -> bool:
 
 
 async def _run(pair: Pair, caught: list[signal.Signals]) -> None:
-    """Run to the end, or until a signal stops it, which is noted in `caught`."""
+    """Run to the end, or until a signal stops the run; signals are noted in `caught`."""
     import asyncio
 
     from hapnet.commands.side import catch
@@ -157,9 +157,9 @@ async def _run(pair: Pair, caught: list[signal.Signals]) -> None:
 
 
 def check_sides(setup: Setup) -> None:
-    """Make both sides once, so that errors show here, before anything is started or written.
+    """Create both sides once, so that errors appear here, before anything is started or written.
 
-    A user's own device is only imported: made here, it would be open when the device's process needs it.
+    A user's own device is only imported: created here, it would be open when the device's process needs it.
 
     Raises InvalidParameter: as `device_side` and `world_side` do.
     """
@@ -182,7 +182,7 @@ def check_sides(setup: Setup) -> None:
 
 
 def may_read_input() -> bool:
-    """Whether a child process may read standard input. A terminal stops whoever reads in the background."""
+    """Whether a child process may read standard input. A terminal stops a background process that reads."""
     may = True
     if sys.platform != "win32":
         may = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
@@ -191,7 +191,7 @@ def may_read_input() -> bool:
 
 @contextmanager
 def terminal_restored() -> Iterator[None]:
-    """Give the terminal back in the mode that it had: a device's class may read its keyboard, and may be killed."""
+    """Restore the terminal's mode at the end: a device's class may read the keyboard, and may be killed."""
     if sys.platform == "win32" or not sys.stdin.isatty() or not may_read_input():
         yield
     else:

@@ -1,4 +1,4 @@
-"""`hapnet device` and `hapnet world`: one side in this process."""
+"""`hapnet device` and `hapnet world`: run one side in this process."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ CONSOLE = "HAPNET_CONSOLE"
 """Environment variable of such a side: set if commands come on standard input."""
 
 PLACE = "HAPNET_PLACE"
-"""Environment variable of such a side: where it begins, as a JSON array of coordinates [m]."""
+"""Environment variable of such a side: its starting place, as a JSON array of coordinates [m]."""
 
 ORPHANED = "HAPNET_ORPHANED"
-"""Environment variable of such a side: the directory in which it leaves its summary if its parent was killed."""
+"""Environment variable of such a side: the directory for its summary if its parent was killed."""
 
 PAGE = "HAPNET_PAGE"
-"""Environment variable of a side that `hapnet play` starts alone: the pipe that takes the telemetry of both sides, and
+"""Environment variable of a side that `hapnet play` starts alone: the pipe for the telemetry of both sides, and
 the id of its parent process."""
 
 PARENT_EVERY_S = 0.2
@@ -89,7 +89,7 @@ def _main(
 ) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
-        raise InvalidParameter("operator", LIVE, f"any other: only hapnet play has the page that leads {LIVE}")
+        raise InvalidParameter("operator", LIVE, f"any other, as only hapnet play has the page that leads {LIVE}")
     warnings = setup.warnings + zenoh_warnings(settings)
     if role == "device":
         warnings += real_time_warnings(setup.params)
@@ -151,7 +151,7 @@ def _main(
         if not started_by:  # hapnet run judges both sides together
             known_devices.learn(params, summary)
             written.judge(summary, params, virtual=False)
-            if side.control.origin_ns is not None or not caught:  # one that is stopped before it began lacks nothing
+            if side.control.origin_ns is not None or not caught:  # a side that was stopped before it began is complete
                 written.missing += incomplete(summary)
         if orphaned is not None and os.getppid() != started_by:
             _leave(summary, Path(orphaned), f"{role}-summary.json", written)
@@ -164,13 +164,13 @@ def _main(
 
 
 def _in_vain(summary: Summary) -> bool:
-    """Whether the device was asked for readings and gave none."""
+    """Whether the device missed readings, in a run that has not begun."""
     device = summary["device"]
     return device is not None and device["driver"] is not None and bool(device["driver"]["missed"])
 
 
 def _leave(summary: Summary, directory: Path, name: str, written: output.Written) -> None:
-    """Leave the summary in `directory`: nobody is left to read it."""
+    """Write the summary into `directory`, as the process that reads it has ended."""
     with suppress(OSError):
         directory.mkdir(parents=True, exist_ok=True)
     with written.part():
@@ -181,13 +181,13 @@ async def _run(
     side: RealtimeSide, duration_s: float, log: Log, caught: list[signal.Signals], page_parent: int
 ) -> Summary:
     stop = asyncio.Event()
-    reported = catch(stop, caught, again=side.leave_at_once)
+    on_signal = catch(stop, caught, again=side.leave_at_once)
     if sys.platform != "win32":
         handle_on_loop(signal.SIGUSR1, side.stop_force, "SIGUSR1")
-    run = int(os.environ.pop(PARENT, "0"))  # not getppid(): who has been killed by now is no longer our parent
+    run = int(os.environ.pop(PARENT, "0"))  # not getppid(), which differs if the parent has been killed by now
     starter = "hapnet run" if run and CONSOLE not in os.environ else "hapnet play"
     parent = run or page_parent
-    beside = [asyncio.create_task(_outlive(side, parent, starter, reported))] if parent else []
+    beside = [asyncio.create_task(_outlive(side, parent, starter, on_signal))] if parent else []
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
@@ -202,20 +202,20 @@ async def _run(
     return summary
 
 
-async def _outlive(side: RealtimeSide, parent: int, starter: str, reported: Callable[[signal.Signals], None]) -> None:
-    """End as on SIGTERM when `parent` has died: nothing else would end this side, and it may drive a device."""
+async def _outlive(side: RealtimeSide, parent: int, starter: str, on_signal: Callable[[signal.Signals], None]) -> None:
+    """End as on SIGTERM when `parent` has died, as nothing else would end this side, which may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)
     side.interrupt(f"{starter}, which had started it, was killed")
-    reported(signal.SIGTERM)
+    on_signal(signal.SIGTERM)
 
 
 def catch(
     stop: asyncio.Event, caught: list[signal.Signals], *, again: Callable[[], object]
 ) -> Callable[[signal.Signals], None]:
-    """Let SIGINT, SIGTERM and a closed terminal set `stop`, and note them in `caught`; returns the signals' handler.
+    """Set `stop` on SIGINT, SIGTERM or a closed terminal, and note the signal in `caught`; returns the handler.
 
-    again : called when the same signal comes once more, for a quick end; not for SIGHUP, which a closing terminal may
+    again : called when the same signal comes again, for a quick end; not for SIGHUP, which a closing terminal may
         send twice.
     """
 
@@ -233,10 +233,10 @@ def catch(
 
 @contextmanager
 def held_back(caught: list[signal.Signals]) -> Iterator[None]:
-    """Delay signals to end the process until this block, which writes the results of a run, is done; note them in
+    """A context that delays signals to end the process until it has written a run's results; they are noted in
     `caught`.
 
-    The same signal once more ends it at once, as without the block; but for SIGHUP, see `catch`.
+    The same signal again ends the process at once, except SIGHUP (see `catch`).
     """
 
     def on_signal(number: int, stack: object) -> None:
@@ -250,5 +250,5 @@ def held_back(caught: list[signal.Signals]) -> Iterator[None]:
 
 
 def exit_code(caught: list[signal.Signals]) -> int:
-    """0, or 128 + N after signal N, as shells do."""
+    """0, or 128 + N after signal N, as in shells."""
     return 128 + caught[0] if caught else 0

@@ -1,4 +1,4 @@
-"""`hapnet simulate`: both sides in virtual time."""
+"""`hapnet simulate`: simulates both sides in virtual time."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A process that has loaded all that a side needs, and waits for its command: so another pair begins at once.
+"""A process that has loaded everything that a side needs, and waits for its command, so that the next pair starts fast.
 
-Its standard input has one line of JSON, ``{"argv": [...], "environment": {...}}``; what follows is the side's own
-(`hapnet.commands.console`). If that ends before the line has come, the process ends too.
+Its standard input has one line of JSON, ``{"argv": [...], "environment": {...}}``; the rest is for the side
+(`hapnet.commands.console`). If standard input ends before that line, the process ends too.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import NamedTuple
 from hapnet.processes.start import PIPE, ProgramOnLoop, module, started_on_loop
 
 PREPARE_AFTER_S = 2.0
-"""After a pair has been started, its processes have the machine for so long before the next ones are loaded [s]."""
+"""The next processes are loaded this long after a pair was started, so that the pair's own start is not slowed [s]."""
 
 
 class Standby(NamedTuple):
-    """A process that waits to be a side. report : the pipe of its summary, which it calls `file`."""
+    """A process that waits to run a side. report : this end of the pipe of its summary. file : the process's end."""
 
     child: ProgramOnLoop
     report: int
@@ -29,7 +29,7 @@ class Standby(NamedTuple):
 
     @classmethod
     async def started(cls) -> Standby:
-        """Start one."""
+        """Start such a process."""
         report, theirs = os.pipe()
         try:
             command = module("hapnet.commands.standby")
@@ -42,7 +42,7 @@ class Standby(NamedTuple):
         return cls(child, report, theirs)
 
     async def end(self) -> None:
-        """End it, as it is not needed."""
+        """End the process, which is not needed any more."""
         os.close(self.report)
         with suppress(ProcessLookupError):
             self.child.kill()
@@ -50,11 +50,11 @@ class Standby(NamedTuple):
 
 
 class Reserve:
-    """A world and a device that wait, once there was time to load them.
+    """A waiting process for the world and one for the device, loaded in the background.
 
     Attributes
     ----------
-    processes : by role, those that wait.
+    processes : by role, the waiting processes.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class Reserve:
         self._preparing: asyncio.Task[None] | None = None
 
     async def take(self) -> dict[str, Standby]:
-        """Those that wait and live; they are the caller's now."""
+        """Return the waiting processes that are alive; the caller then owns them."""
         taken, self.processes = self.processes, {}
         for role, standby in list(taken.items()):
             if standby.child.returncode is not None:
@@ -70,7 +70,7 @@ class Reserve:
         return taken
 
     def prepare(self) -> None:
-        """Load those that are missing, in a while; returns at once."""
+        """Load the missing processes after `PREPARE_AFTER_S`; returns at once."""
         if self._preparing is None or self._preparing.done():
             self._preparing = asyncio.create_task(self._load())
 
@@ -81,7 +81,7 @@ class Reserve:
                 self.processes[role] = await Standby.started()
 
     async def close(self) -> None:
-        """End those that wait."""
+        """End the waiting processes."""
         if self._preparing is not None:
             self._preparing.cancel()
             await asyncio.wait([self._preparing])
@@ -90,7 +90,7 @@ class Reserve:
 
 
 def load() -> None:
-    """Do once what a side does first, so that all of it is loaded."""
+    """Do the first steps of a side once, so that their modules are loaded."""
     import rich.console
 
     from hapnet import cli
@@ -120,7 +120,7 @@ def main() -> int:
     load()
     line = bytearray()
     while not line.endswith(b"\n"):
-        if not (byte := os.read(0, 1)):  # not more than the line: what follows is not ours
+        if not (byte := os.read(0, 1)):  # byte by byte, as the input after the line is for the side
             return 0
         line += byte
     command = json.loads(line)

@@ -197,9 +197,9 @@ def test_latency_joins_by_number_and_drops_the_start() -> None:
     arrived = [(90_000, 0), (600_100_000, 2), (800_070_000, 4), (800_080_000, 9)]
     found = latency.join(sent, arrived)
     assert found.values == pytest.approx([70.0, 100.0])
-    with pytest.raises(HapnetError, match="nothing arrived"):
+    with pytest.raises(HapnetError, match="no message arrived"):
         latency.join(sent, [])
-    with pytest.raises(HapnetError, match="handed nothing over"):
+    with pytest.raises(HapnetError, match="the servo sent no message"):
         latency.join([], arrived)
 
 

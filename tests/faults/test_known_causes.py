@@ -101,7 +101,7 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     ),
     "a law that claims too much": (
         ("--coupling", "laws:Claims", *SHAKEN),
-        known("bound", code=4, says="did not keep passivity, as it claims", also=("hand",)),
+        known("bound", code=4, says="claims to be passive, but was not", also=("hand",)),
     ),
     "encoders of 10 mm": (
         (*DEVICE, "drivers:Coarse", "--set", "device.self_test_N=0", *LITTLE),

@@ -97,13 +97,13 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     source = ReportSource(Path("a b/run.mcap"), "both", written="2026-11-21 12:00:00 UTC")
     found = stands_alone(page(simulated, pictures(simulated), [source]))
     assert list(found.sections) == [
-        "", "What was run", "What happened", "Summary", "Path", "Links", "Energy account", "Silences and events",
-        "How to make it again", "Settings", "Versions", "Files",
+        "", "The run", "Course of the run", "Summary", "Path", "Links", "Energy account", "Silences and events",
+        "Commands that repeat the run", "Settings", "Versions", "Files",
     ]  # fmt: skip
     theorem = simulated.summary["theorem"]
     assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out" in found.sections[""]
     assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]
-    run_of = found.sections["What was run"].split("\n")
+    run_of = found.sections["The run"].split("\n")
     facts = dict(zip(run_of[::2], run_of[1::2], strict=False))
     assert facts["uplink"] == "delay 5ms 2ms"
     assert facts["downlink"] == "delay 40ms 10ms loss 2%"
@@ -121,7 +121,7 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "Energy account" not in found.sections
     assert "passive at both ports for any constant delay" in found.sections[""]
     assert "wave variables; Niemeyer, Slotine 2004" in found.sections[""]
-    reported = found.sections[""] + found.sections["What happened"] + found.sections["Summary"]
+    reported = found.sections[""] + found.sections["Course of the run"] + found.sections["Summary"]
     assert "Theorem" not in reported
     assert "eservoir" not in reported + found.attributes("img")[0]["alt"]
     assert "slack" not in reported
@@ -160,10 +160,10 @@ def test_a_world_does_not_know_whose_hand_it_was() -> None:
     meta = {"origin_ns": 0, "scene": "box", "params": Params().as_dict()}
     world = page_of(replace(run(sides="world", seconds=1), meta=meta, summary={}))
     assert "Scene box" in world.sections[""].splitlines()
-    assert "press" not in world.sections["What was run"]
+    assert "press" not in world.sections["The run"]
     device = page_of(replace(run(sides="device", seconds=1), meta=meta, summary={}))
     assert "Scene box, hand press" in device.sections[""]
-    assert "press" in device.sections["What was run"]
+    assert "press" in device.sections["The run"]
 
 
 HOSTILE = (
@@ -252,13 +252,13 @@ def test_many_events_are_folded_and_far_too_many_counted() -> None:
     assert f"{FOLDED + 2} events: {FOLDED} overrun, 1 paired, 1 heard" in found.sections["Silences and events"]
     far = [Event(i, "dropped", "x") for i in range(MOST_EVENTS + 30)]
     found = page_of(replace(recording, events=far, summary={}))
-    assert "The other 30 are in the recording only." in found.sections["Silences and events"]
+    assert "The other 30 events are only in the recording." in found.sections["Silences and events"]
 
 
 def test_that_virtual_time_records_no_events_is_told() -> None:
     """They may be counted in the summary beside it: that none were recorded is not that there were none."""
     recording = replace(run(seconds=1), events=[], summary={})
-    assert page_of(recording).sections["Silences and events"].strip() == "None were recorded."
+    assert page_of(recording).sections["Silences and events"].strip() == "No events were recorded."
     simulated = replace(recording, meta={**recording.meta, "clock": "virtual"})
     assert "virtual time records no events" in page_of(simulated).sections["Silences and events"]
 

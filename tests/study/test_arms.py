@@ -29,7 +29,7 @@ def test_a_comparison_takes_an_arm(tmp_path: Path) -> None:
 
 
 def test_the_metrics_are_those_of_metres() -> None:
-    with pytest.raises(InvalidParameter, match="one whose axes are in metres: what is measured is in mm and N"):
+    with pytest.raises(InvalidParameter, match="one with axes in metres, as metrics are in mm and N"):
         measure(ARM.set({"hardware": "omni?axes=joints", "scene": "joints", "duration_s": 0.5}), 0)
 
 

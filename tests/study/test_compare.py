@@ -285,9 +285,9 @@ def test_the_same_command_goes_on_and_another_is_refused(
     )
     assert cli.main([*asked]) == 130
     reported = without_progress(capsys.readouterr().err)
-    assert reported == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command goes on\n"
+    assert reported == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command continues\n"
     assert cli.main([*asked]) == 0
-    assert "4 cases, 2 of them before, in " in capsys.readouterr().out
+    assert "4 cases, 2 of them from an earlier run, in " in capsys.readouterr().out
     assert len(ran) == 6
     assert cli.main([*asked, "--seeds", "0:2"]) == 2
     assert "is of another spec: 4 cases are new, 0 are gone, 4 are the same" in capsys.readouterr().err
@@ -401,7 +401,9 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
         os.killpg(pid, signal.SIGINT)
         code, _, err = program.end()
         assert code == 130
-        assert re.fullmatch(r"hapnet: stopped: 0 of 32 .* with --out runs/\S+-compare the same command goes on\n", err)
+        assert re.fullmatch(
+            r"hapnet: stopped: 0 of 32 .* with --out runs/\S+-compare the same command continues\n", err
+        )
         program.until_gone()
 
 

@@ -73,7 +73,7 @@ def test_kinds_are_added_up_and_shared_by_the_workers(
     kind = r"a run takes 0.3 s \(mean of 4\); a search takes 10 s \(mean of 1\); all of them, "
     with_workers, on_cluster = capsys.readouterr().out.splitlines()
     assert re.fullmatch(kind + "with 3 workers: about 50 s", with_workers)
-    assert re.fullmatch(kind + "2 min in all, shared by the cluster's workers", on_cluster)
+    assert re.fullmatch(kind + "2 min in total, shared by the cluster's workers", on_cluster)
 
 
 @pytest.mark.parametrize(

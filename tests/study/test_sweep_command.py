@@ -269,7 +269,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
     spec_file(directory, SHORT)
     assert cli.main(["sweep", "study.toml", "--workers", "1"]) == 2
     assert without_progress(capsys.readouterr().err) == (
-        "hapnet: the scheduler is gone: 2 of 40 cases are done; the same command goes on\n"
+        "hapnet: the scheduler is gone: 2 of 40 cases are done; the same command continues\n"
     )
     assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0", "10"]  # one task: the same but for the link
 
@@ -293,7 +293,7 @@ def test_interrupted_before_a_result_it_says_one_line_and_offers_no_figure(direc
         os.killpg(program.process.pid, signal.SIGINT)
         code, out, err = program.end()
         program.until_gone()
-    assert (code, err) == (130, "hapnet: stopped: 0 of 40 cases are done; the same command goes on\n")
+    assert (code, err) == (130, "hapnet: stopped: 0 of 40 cases are done; the same command continues\n")
     assert "sweep plot" not in out
     assert not rows(results)
 
@@ -321,7 +321,7 @@ def test_interrupted_it_keeps_and_writes_what_is_done(directory: Path) -> None:
     assert code == 130, out + err
     kept = len(rows(results))
     assert 0 < kept < 80
-    assert err == f"hapnet: stopped: {kept} of 80 cases are done; the same command goes on\n"
+    assert err == f"hapnet: stopped: {kept} of 80 cases are done; the same command continues\n"
     assert done(results) == kept
 
 

@@ -135,7 +135,7 @@ def test_interrupted_it_goes_on_where_it_was(directory: Path, capsys: Capture, m
     done = cut["done"]
     assert 5 < done < 38
     said = without_progress(capsys.readouterr().err)
-    assert said == f"hapnet: stopped: {done} of 38 cases are done; the same command goes on\n"
+    assert said == f"hapnet: stopped: {done} of 38 cases are done; the same command continues\n"
     assert cut["files"] == ["cut/results.csv", "cut/trials.csv", "cut/tune.png"]
     begun = trials(directory / "cut")
     assert begun
@@ -150,8 +150,8 @@ def test_a_metric_without_any_value_is_told(directory: Path, capsys: Capture) ->
     spec_file(directory, SPEC.replace("buzz_N2", "drift_mm_per_min"))
     tuned()
     out = capsys.readouterr().out.splitlines()
-    assert [line for line in out if "no case to tune on" in line] == [
-        "warning: no case to tune on has a value of drift_mm_per_min: it had no part in the search"
+    assert [line for line in out if "no tuning case" in line] == [
+        "warning: no tuning case has a value of drift_mm_per_min: it had no influence on the search"
     ]
 
 
@@ -189,7 +189,7 @@ def test_where_no_trial_is_allowed_nothing_is_chosen(directory: Path, capsys: Ca
     ("where", "code", "said"),
     [
         (lambda params, seed: seed == 0 and params.contact_model.lead < 0.5, 0, ""),
-        (lambda params, seed: seed == 6, 3, "hapnet: 1 of the cases to score on failed with the values found\n"),
+        (lambda params, seed: seed == 6, 3, "hapnet: 1 of the scoring cases failed with the values found\n"),
     ],
     ids=["tuning", "scoring"],
 )

@@ -376,7 +376,7 @@ def test_a_coupling_that_did_not_keep_its_claim_ends_with_4(
     out, err = capsys.readouterr()
     why = "the device's half of the theorem fails by 1 mJ"
     assert out.startswith(f"NOT passive: {why}")
-    assert err == f"hapnet: the coupling pspm did not keep passivity, as it claims: {why}\n"
+    assert err == f"hapnet: the coupling pspm claims to be passive, but was not: {why}\n"
     assert cli.main([*words, "--coupling", "zoh"]) == 0
 
 

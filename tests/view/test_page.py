@@ -129,9 +129,9 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
 @pytest.mark.slow
 def test_a_tool_that_turns_is_drawn_at_both_poses_and_led_by_three_axes(browser: Browser, tmp_path: Path) -> None:
     with opened(browser, (1280, 720), operator="press", scene="tool:peg + hole?at=0,0,-20mm") as shown:
-        for words in ("torque on the hand", "mNm", "turned apart"):
+        for words in ("torque on the hand", "mNm", "angle between"):
             expect(shown.page.get_by_text(words).first).to_be_visible()
-        shown.button("hand home").click()
+        shown.button("release to start").click()
         assert shown.controls.wait(lambda: shown.controls.named("lead") == [((0.0, 0.0, 0.0),)], 20.0)
         keep(shown.page, tmp_path, "tool")
 
@@ -149,7 +149,7 @@ def test_who_watches_only_can_press_and_drag_nothing(browser: Browser) -> None:
     with opened(browser, watching=True) as shown:
         page = shown.page
         expect(page.get_by_role("slider")).to_have_count(0)
-        for name in ("pause", "record", "reset", "hand home"):
+        for name in ("pause", "record", "reset", "release to start"):
             expect(shown.button(name)).to_have_count(0)
         page.mouse.move(*shown.scene_point(0.0))
         page.mouse.down()
@@ -204,7 +204,7 @@ def test_a_drag_leads_the_hand_where_the_mouse_is(playing: Open) -> None:
     assert all(len(place) == 1 for (place,) in controls.named("lead"))
     before = len(led)
     page.mouse.move(*playing.scene_point(-0.02))
-    playing.button("hand home").click()
+    playing.button("release to start").click()
     assert controls.wait(lambda: controls.named("lead")[-1] == ((0.0,),))
     assert len(controls.named("lead")) == before + 1  # a mouse that let go leads nobody
 
@@ -261,7 +261,7 @@ def test_buttons_and_switches_call_theirs(playing: Open) -> None:
     state = page.locator(".hapnet-state")
     for pressed, call, after in (
         ("pause", ("pause", True), "paused"),
-        ("go on", ("pause", False), "running"),
+        ("resume", ("pause", False), "running"),
         ("record", ("record", True), "recording"),
         ("stop recording", ("record", False), "running"),
     ):

@@ -1,4 +1,4 @@
-"""`hapnet bench`: what this project costs on this machine, each figure beside a bare reference from the same run.
+"""`hapnet bench`: measures the cost of hapnet on this machine, each figure beside a bare reference from the same run.
 
-`row.py` defines a result, `registry.py` lists the rows; every other module measures one subject.
+`row.py` defines a result, `registry.py` lists the rows; each of the other modules measures one subject.
 """

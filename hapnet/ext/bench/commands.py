@@ -54,7 +54,7 @@ def bench(
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-bench")] = None,
 ) -> int:
     """Prints a table; writes bench.json and a figure of the histograms. The default takes some twelve minutes on two
-    idle cores, and longer on busy ones; it says how much is left, and in its last line how long it took. Servo and
+    idle cores, and longer on busy cores; it shows how much is left, and at the end how long it took. Servo and
     world are compiled if `hapnet compile` has been run. Use --seconds 60 --rounds 5 for figures to publish.
     """
     from hapnet.ext.bench.registry import select
@@ -101,7 +101,7 @@ def _show(rows: list[Row], directory: Path, console: Console) -> None:
 
 
 def _measure(chosen: dict[str, Measure], options: Options, console: Console) -> Iterator[Row]:
-    """Measure one row after another; show a bar on a terminal, one line per row elsewhere."""
+    """Measure one row after another; show a bar on a terminal, otherwise a line for each row."""
     from hapnet.ext.bench.row import Row
 
     with Progress(output.progress_console(), "measuring", len(chosen), "", background=False) as progress:

@@ -1,4 +1,4 @@
-"""The cost of the control half: a tick of the device's endpoint, and a PSPM update by dimension."""
+"""The cost of control: a tick of the device's endpoint, and a PSPM update by dimension."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _NEVER_S = 1e9
 
 
 def device_tick(options: Options) -> Row:
-    """A tick of `DeviceEndpoint` with three axes when PSPM does not run: PD, force limit, harvest and ledger; as in
-    real time, compiled if there is machine code (`hapnet compile`)."""
+    """A tick of `DeviceEndpoint` with three axes without a PSPM update: PD, force limit, harvest and ledger. As in
+    real time it is compiled if there is machine code (`hapnet compile`)."""
     origin = (0.0, 0.0, 0.0)
     modulator = SetPositionModulator(stiffness=_K, position=origin, force_limit=3.0)
     coupling = SetPositionCoupling(modulator, stages=Pipeline([]), silence=Silence("hold", _NEVER_S))
@@ -62,7 +62,7 @@ def pspm_update(n: int, options: Options) -> Row:
     K, x, y = pspm_case(n)
     ours = SetPositionModulator(stiffness=K, position=np.zeros(n))
     theirs = NumpyPspm(K, np.zeros(n), 0.05)
-    here, asked = tuple(x.tolist()), tuple(y.tolist())
+    here, wanted = tuple(x.tolist()), tuple(y.tolist())
 
     def drain() -> None:
         ours.energy, ours.set_position = 0.01, here
@@ -71,7 +71,7 @@ def pspm_update(n: int, options: Options) -> Row:
         theirs.energy, theirs.set_position = 0.01, x
 
     subject, bare = cost(
-        Call(lambda: ours.modulate(asked, here, 0.0, 0.0), drain),
+        Call(lambda: ours.modulate(wanted, here, 0.0, 0.0), drain),
         Call(lambda: theirs.modulate(y, x, 0.0, 0.0), drain_theirs),
         options,
     )
@@ -84,7 +84,7 @@ def pspm_update(n: int, options: Options) -> Row:
 
 
 def pspm_case(n: int) -> tuple[Array, Array, Array]:
-    """K, x and y: a full matrix, and a set-position for which 10 mJ do not suffice."""
+    """K, x and y: a full matrix, and a position and set-position for which 10 mJ are not enough."""
     rng = np.random.default_rng(n)
     root = rng.normal(size=(n, n))
     return root @ root.T * 50.0 + 10.0 * np.eye(n), rng.uniform(-0.01, 0.01, n), rng.uniform(0.05, 0.1, n)

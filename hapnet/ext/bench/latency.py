@@ -1,12 +1,11 @@
 """One-way latency through an empty link: from the servo's hand-over to the decoded value in the peer's slot.
 
-The whole path of `RealtimeSide` is measured in real processes: one stamp when the servo hands a message over, another
-when the peer's endpoint has taken it. In turns with it, raw Zenoh carries messages of the same form between two
-processes with the same configuration. Both ends are on one machine, so they share CLOCK_MONOTONIC.
+The whole path of `RealtimeSide` is measured in real processes, from the time at which the servo hands a message over to
+the time at which the peer's endpoint has decoded it. In turns with it, raw Zenoh carries messages of the same form
+between two processes with the same configuration. Both ends are on one machine, so they share CLOCK_MONOTONIC.
 
-With `--realtime` the hand-over is in the servo's process, which keeps no stamps. There the latency counts from the
-stamp that the message has then, the start of the tick that sent it. So it includes the hop from that process, and the
-tick.
+With `--realtime` the hand-over is in the servo's process, which stores no times. Then the latency counts from the
+stamp in the message, the start of the tick that sent it. So it includes the hop from that process, and the tick.
 """
 
 from __future__ import annotations
@@ -38,20 +37,20 @@ from hapnet.wire.messages import Position, decode, encode
 from hapnet.wire.stream_frames import sequence_of
 
 Stamps = list[tuple[int, bytes]]
-"""The time when a message was handed over, or raw when it had arrived [ns], and its bytes."""
+"""The time [ns] at which a message was handed over (or a raw message arrived), and its bytes."""
 
 Arrivals = list[tuple[int, int]]
-"""The time when a message had arrived [ns], and its number. A pair encrypts, so the bytes are others on the way."""
+"""The time [ns] at which a message arrived, and its number: a pair encrypts, so the bytes differ on the way."""
 
 _PERIOD_NS = 1_000_000
 _KEY = "hapnet/ext/bench/raw/up/position"
-_SETTLE_S = 0.5  # not measured, at the start: connections and caches are cold
-_AFTER_S = 0.5  # for the last messages
+_SETTLE_S = 0.5  # at the start, not measured, as connections and caches are cold
+_AFTER_S = 0.5  # at the end, for the last messages
 _JOIN_S = 30.0
 
 
 def one_way_latency(options: Options) -> Row:
-    """Rounds of the whole path, of raw Zenoh with its defaults and with ours, and of plain sockets, one way at 1 kHz.
+    """Latency at 1 kHz of the whole path, of raw Zenoh with its defaults and with hapnet's settings, and of sockets.
 
     The two sides have the link that `hapnet run` gives them.
     """
@@ -77,7 +76,7 @@ def one_way_latency(options: Options) -> Row:
 
 
 def one_way_latency_realtime(options: Options) -> Row:
-    """The same for a device with `--realtime`: its servo is a process of its own, with one more socket on the path."""
+    """The latency for a device with `--realtime`, whose servo's own process adds a socket to the path."""
     refusals: list[str] = []
 
     def once(seconds: float) -> Distribution:
@@ -98,7 +97,7 @@ def one_way_latency_realtime(options: Options) -> Row:
 
 
 def in_turns(kinds: list[Callable[[float], Distribution]], options: Options) -> list[list[Distribution]]:
-    """The rounds of each kind of measurement, which take turns in going first."""
+    """The rounds of each kind of measurement; in each round another kind is the first."""
     rounds: list[list[Distribution]] = [[] for _ in kinds]
     for number in range(options.rounds):
         for turn in range(len(kinds)):
@@ -108,7 +107,7 @@ def in_turns(kinds: list[Callable[[float], Distribution]], options: Options) -> 
 
 
 def hapnet_once(seconds: float) -> Distribution:
-    """Microseconds through two `RealtimeSide`s."""
+    """Latencies [us] through two `RealtimeSide`s."""
     handed_over, arrived, _ = run_sides(seconds, realtime=False)
     return join(handed_over, arrived)
 
@@ -125,18 +124,18 @@ def run_sides(seconds: float, *, realtime: bool) -> tuple[Stamps, Arrivals, str]
 
 
 def raw_once(seconds: float) -> Distribution:
-    """Microseconds through raw Zenoh over the same link with the same settings."""
+    """Latencies [us] through raw Zenoh over the same link with the same settings."""
     with _link() as address:
         return _bare_once(send_zenoh, receive_zenoh, address, seconds, True)
 
 
 def default_once(seconds: float) -> Distribution:
-    """Microseconds through raw Zenoh as it comes: its own configuration and publisher, over tcp."""
+    """Latencies [us] through raw Zenoh with its default configuration and publisher, over tcp."""
     return _bare_once(send_zenoh, receive_zenoh, free_address(), seconds, False)
 
 
 def socket_once(seconds: float) -> Distribution:
-    """Microseconds through two udp sockets."""
+    """Latencies [us] through two udp sockets."""
     return _bare_once(send_plain, receive_plain, free_address("udp"), seconds)
 
 
@@ -155,37 +154,37 @@ def _bare_once(
 
 @contextlib.contextmanager
 def _link() -> Iterator[str]:
-    """Where the two processes of a run meet."""
+    """A context with the address at which the two processes of a run connect."""
     with TemporaryDirectory(prefix="hapnet-bench-") as directory:
         yield local_address(directory)
 
 
 def tick_starts(handed_over: Stamps) -> Stamps:
-    """The starts of the ticks that sent these positions, by the positions' own stamps; others are left out."""
+    """The starts of the ticks that sent these positions, from the positions' stamps; other messages are left out."""
     messages = [(decode(data), data) for _, data in handed_over]
     return [(message.sent_ns, data) for message, data in messages if isinstance(message, Position)]
 
 
 def join(handed_over: Stamps, arrived: Arrivals) -> Distribution:
-    """Latencies [us] of what arrived after the first half second."""
+    """Latencies [us] of the messages that were sent after the first half second and arrived."""
     if not handed_over:
-        raise HapnetError("one_way_latency: the servo handed nothing over")
+        raise HapnetError("one_way_latency: the servo sent no message")
     since_ns = handed_over[0][0] + round(_SETTLE_S * 1e9)
     sent = {sequence_of(data): at_ns for at_ns, data in handed_over if at_ns >= since_ns}
     late = [at_ns - sent[number] for at_ns, number in arrived if number in sent]
     if not late:
-        raise HapnetError("one_way_latency: nothing arrived")
+        raise HapnetError("one_way_latency: no message arrived")
     return Distribution.of(late, 1e-3)
 
 
 class StampedSide(RealtimeSide):
-    """A side that notes when its control thread hands a position over, and when its endpoint has taken one."""
+    """A side that stores when its control thread hands a position over, and when its endpoint has decoded one."""
 
     def __init__(self, role: Literal["device", "world"], address: str, params: Params, *, realtime: bool) -> None:
         ends = (address,)
         where = ZenohSettings(listen=ends) if role == "world" else ZenohSettings(connect=ends)
         self.refusal: str = ""
-        """Why real-time scheduling was refused; empty if it was not, or was not asked for."""
+        """The reason why real-time scheduling was refused; empty if it was granted, or not requested."""
         setup = prepare(params, "sampled")
         super().__init__(setup, role, where, session="bench", seed=0, realtime=realtime, notify=self._note_refusal)
         self.handed_over: Stamps = []
@@ -212,7 +211,7 @@ class StampedSide(RealtimeSide):
 def run_side(
     wait_for_start: WaitForStart, role: Literal["device", "world"], address: str, seconds: float, realtime: bool
 ) -> tuple[Stamps, Arrivals, str]:
-    """Run one side for `seconds` after pairing: its hand-overs, its arrivals, and `refusal`."""
+    """Run one side for `seconds` after pairing; returns its hand-overs, its arrivals, and `refusal`."""
     words = {"device.pspm_period_s": KILOHERTZ["device.pspm_period_s"], "link.up": "", "link.down": ""}
     duration_s = seconds + _SETTLE_S
     params = Params().set({**words, "operator": "sine", "duration_s": duration_s})
@@ -226,7 +225,7 @@ def run_side(
 
 
 def send_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours: bool) -> Stamps:
-    """Put messages of the same form on absolute deadlines, as the servo does; with our settings, or Zenoh's own."""
+    """Put messages of the same form on absolute deadlines like the servo; with hapnet's settings, or Zenoh's own."""
     with zenoh.open(_config("connect", address, ours)) as session:
         sender = publisher(session, _KEY, "position") if ours else session.declare_publisher(_KEY)
         give_up = time.monotonic() + 10.0
@@ -236,7 +235,7 @@ def send_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours:
 
 
 def receive_zenoh(wait_for_start: WaitForStart, address: str, seconds: float, ours: bool) -> Stamps:
-    """Stamp what arrives, on Zenoh's own thread."""
+    """Stamp the arriving messages, on Zenoh's own thread."""
     stamps: Stamps = []
 
     def on_sample(sample: zenoh.Sample) -> None:
@@ -281,7 +280,7 @@ def _config(side: Literal["connect", "listen"], address: str, ours: bool) -> zen
     config = zenoh.Config()
     for name in ("connect", "listen"):
         config.insert_json5(f"{name}/endpoints", json.dumps([address] if name == side else []))
-    config.insert_json5("scouting/multicast/enabled", "false")  # it would find others
+    config.insert_json5("scouting/multicast/enabled", "false")  # it would find other programs
     return config
 
 

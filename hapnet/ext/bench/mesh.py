@@ -1,4 +1,4 @@
-"""The cost of a mesh: a step against 10,000 triangles, in contact and free space, beside one query of the library."""
+"""The cost of a mesh: a step at 10,000 triangles, in contact and in free space, beside a query of the library."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _REACH_M = 0.05
 def world_step_mesh(options: Options) -> Row:
     """Integrator and contact, pressed against a torus and moved along it at 20 mm/s, with steps of 1 ms.
 
-    fast_ratio : at 100 mm/s. free_ratio : 5 mm in front of it. told_ratio : with the planes for the device.
+    fast_ratio : at 100 mm/s. free_ratio : 5 mm in front of the torus. told_ratio : with the planes for the device.
     """
     what = f"world step of 1 ms, {2 * _AROUND * _ACROSS} triangles (fast: 100 mm/s, free: 5 mm away, told: with planes)"
     against = "libigl's nearest point, one call"
@@ -56,7 +56,7 @@ def _mean(times: Distribution) -> float:
 
 
 class LedMass:
-    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. sends_planes : its planes too?"""
+    """A virtual mass in front of a mesh that follows `goals` [m], a closed path. sends_planes : compute planes too."""
 
     def __init__(self, mesh: Mesh, goals: Sequence[Vector], *, sends_planes: bool = False) -> None:
         self._sends_planes = sends_planes
@@ -71,7 +71,7 @@ class LedMass:
         self._goal = next(self._goals)
 
     def visited(self, steps: int) -> list[Vector]:
-        """Where the next steps lead."""
+        """The positions after each of the next steps."""
         places = []
         for _ in range(steps):
             self.prepare()
@@ -86,7 +86,7 @@ class LedMass:
 
 
 class BareQuery:
-    """The same places, asked of the library alone."""
+    """Queries of the library alone, at the same places."""
 
     def __init__(self, mesh: Mesh, places: Sequence[Vector]) -> None:
         import igl

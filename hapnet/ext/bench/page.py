@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _STEP_S = 0.005
 _SETTLED_S = 1.0
-"""From the first update on; before that, all that the page consists of is sent."""
+"""The time after the first update before the measurement [s], as the whole page is sent at first."""
 
 _WHAT = "lateness while a client is sent the page of 10,000 triangles, 60 times a second"
 _AGAINST = "the same pair without a page, in turns"
@@ -38,7 +38,7 @@ _AGAINST = "the same pair without a page, in turns"
 
 @dataclass(frozen=True)
 class Received:
-    """The data at a client: times of updates after the first second [s], bytes a second, how often the torus came."""
+    """The data at a client: times of updates after the first second [s], bytes a second, how often it got the torus."""
 
     times_s: tuple[float, ...]
     bytes_hz: float
@@ -50,7 +50,7 @@ class Received:
 
 
 def page_mesh(options: Options) -> Row:
-    """A pair in front of a torus, with a page and a client of it, which reads what a browser would be sent."""
+    """A pair in front of a torus, with a page and a client, which reads the data that a browser would receive."""
     missing = [name for name in ("viser", "igl") if find_spec(name) is None]
     if missing:
         return Row("page_mesh", "us", _WHAT, against=_AGAINST, note=f"{' and '.join(missing)} not installed")
@@ -94,17 +94,17 @@ def _shown(seconds: float, received: list[Received], busy: list[float], address:
 
     port, token = int(free_address().rpartition(":")[2]), new_token()
     with Child(_serve, address, seconds, port, token) as server, Child(_receive, port, token, seconds) as client:
-        for one in (server, client):
-            one.wait_ready()
-        for one in (server, client):
-            one.go()
+        for child in (server, client):
+            child.wait_ready()
+        for child in (server, client):
+            child.go()
         yield
         received.append(client.result(30.0))
         busy.append(server.result(30.0))
 
 
 def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int, token: str) -> float:
-    """Serve the page; returns the CPU time that it took, per second, from the first update to the last."""
+    """Serve the page; returns its CPU time per second, from the first update to the last."""
     from hapnet.ext.page.history import History
     from hapnet.ext.page.server import serve
     from hapnet.ext.page.watcher import Watcher
@@ -120,7 +120,7 @@ def _serve(wait_for_start: WaitForStart, address: str, seconds: float, port: int
         began, used = time.monotonic(), time.process_time()
         time.sleep(0.8 * seconds)
         share = (time.process_time() - used) / (time.monotonic() - began)
-        _wait(lambda: not page.watched)  # the client has all
+        _wait(lambda: not page.watched)  # the client has read everything
     watcher.close()
     return share
 
@@ -131,9 +131,9 @@ def _wait(until: Callable[[], bool]) -> None:
 
 
 def _receive(wait_for_start: WaitForStart, port: int, token: str, seconds: float) -> Received:
-    """Be a browser as far as the server can see: say where its camera is, and read what comes.
+    """Act as a browser towards the server: send a camera, and read all messages.
 
-    It stands for a browser on another machine, so it takes only time that nobody else here wants.
+    It stands for a browser on another machine, so it runs with the lowest priority here.
     """
     if sys.platform != "win32":
         os.nice(19)
@@ -177,14 +177,14 @@ _TORUS = "/body_part_0"
 
 
 def _version() -> str:
-    """viser's, which a client must name."""
+    """The version of viser, which a client must send."""
     import viser
 
     return str(viser.__version__)
 
 
 def _camera() -> bytes:
-    """The message with which a browser is connected."""
+    """The first message of a browser, its camera."""
     import msgpack
 
     message = {
@@ -196,7 +196,7 @@ def _camera() -> bytes:
 
 
 def _messages(data: bytes) -> list[dict[str, Any]]:
-    """The messages in what the server sent: two lengths, zstd-compressed msgpack, then arrays."""
+    """The messages in a frame from the server: two lengths, zstd-compressed msgpack, then arrays."""
     import msgpack
     import zstandard
 

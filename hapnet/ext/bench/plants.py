@@ -1,6 +1,6 @@
-"""The cost of a tick of a simulated device that is more than a mass, an arm or a handle that turns, and of its side.
+"""The cost of a tick of a simulated arm and of a handle that turns, and of a whole tick of the device's side.
 
-And how much faster than real time the simulation runs, one scenario at a time and many at once.
+Also the speed of simulations compared with real time, one scenario at a time and many at once.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ def handle_tick(options: Options) -> Row:
 
 
 def side_tick_pose(options: Options) -> Row:
-    """All of a tick at the device's side of a tool: hand, handle, servo, contact model, messages."""
+    """A whole tick of the device's side of a tool: hand, handle, servo, contact model, messages."""
     what = "tick of a device's side, simulated: six degrees of freedom, a box on a table"
     scene = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.3}
     return _of_a_side("side_tick_pose", what, scene, options)
 
 
 def side_tick_joints(options: Options) -> Row:
-    """The same of an arm that is coupled by its seven joints."""
+    """A whole tick of the device's side of an arm that is coupled by its seven joints."""
     what = "tick of a device's side, simulated: seven joints, among stops"
     with TemporaryDirectory(prefix="hapnet-bench-") as directory:
         file = Path(directory) / "seven.urdf"
@@ -84,9 +84,9 @@ def seven_joints() -> str:
 
 
 class PairedDevice:
-    """A simulated device's side at 1 kHz, with a world that answers 50 times a second over no link.
+    """A simulated device's side at 1 kHz, with a world that answers 50 times a second without a link.
 
-    changes : of the parameters. ends : compiled ones, or plain Python's.
+    changes : of the parameters. ends : compiled, or in plain Python.
     """
 
     def __init__(self, changes: Mapping[str, object], ends: Ends) -> None:
@@ -99,7 +99,7 @@ class PairedDevice:
         self._message: bytes | None = None
 
     def prepare(self) -> None:
-        """Time passes; what is under way arrives, and at times the world makes a step."""
+        """Advance the time by a tick, deliver all messages, and make the world's step if it is due."""
         self.now_ns += 1_000_000
         if self._message is not None:
             self._world.receive(self.now_ns, self._message)

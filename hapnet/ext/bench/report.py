@@ -1,4 +1,4 @@
-"""Output of a benchmark for people: the table, and the histograms of subject and reference."""
+"""The output of a benchmark: the table, and the histograms of subject and reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ENOUGH = 50  # values, for a histogram
 
 
 def table(rows: Sequence[Row]) -> RenderableType:
-    """One line per row: min, median, p99; the reference's median and p99; ratios; limits, and if each is met."""
+    """A line for each row: min, median, p99; the reference's median and p99; ratios; limits, and if each is met."""
     from rich import box
     from rich.console import Group
     from rich.table import Table
@@ -43,7 +43,7 @@ def table(rows: Sequence[Row]) -> RenderableType:
 
 
 def has_histogram(row: Row) -> bool:
-    """Whether the figure has a panel for this row: it needs enough values."""
+    """Whether the figure has a panel for this row, which needs enough values."""
     return row.panel and sum(part.counts.sum() for part in row.rounds) >= _ENOUGH
 
 
@@ -59,7 +59,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def _shown(rounds: Sequence[Distribution], figures: RoundFigures | None) -> Values:
-    """With the table's figures, whose ratio is in the title; quantiles over all rounds together would differ."""
+    """The values with the table's figures, as the title has their ratio; quantiles over all rounds would differ."""
     assert figures is not None
     samples = Distribution.together(rounds)
     return Values(samples.values, samples.counts, figures.median, figures.p99)

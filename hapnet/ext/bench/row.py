@@ -20,7 +20,7 @@ from hapnet.checks import Array
 
 @dataclass(frozen=True)
 class Options:
-    """How long and how often to measure.
+    """The length and number of measurements.
 
     seconds : length of a round [s]. rounds : their number; figures are medians over them.
     realtime : SCHED_FIFO for the servo and for the bare loop. beside : number of busy processes during servo_traffic.
@@ -41,13 +41,13 @@ class Distribution:
 
     @classmethod
     def of(cls, samples: Iterable[float], scale: float = 1.0) -> Distribution:
-        """From single measurements, each multiplied by `scale`."""
+        """A distribution of single measurements, each multiplied by `scale`."""
         values = np.sort(np.fromiter(samples, dtype=float)) * scale
         return cls(values, np.ones(len(values)))
 
     @classmethod
     def of_bins(cls, bins: Iterable[Sequence[float]], scale: float = 1.0) -> Distribution:
-        """From (value, count) pairs, ascending; each value is multiplied by `scale`."""
+        """A distribution of (value, count) pairs, ascending; each value is multiplied by `scale`."""
         table = np.array(list(bins), dtype=float).reshape(-1, 2)
         return cls(table[:, 0] * scale, table[:, 1])
 
@@ -100,11 +100,11 @@ class Limit:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """A line of the table.
 
-    name, unit : of the figures. what, against : what is measured, and the bare reference, as text.
-    rounds, bare_rounds : what was measured in each; empty: there is nothing to show, and `note` then says why.
-    more : further figures by name. limits : that the project sets. panel : whether the figure of histograms shows it.
+    name, unit : of the figures. what, against : descriptions of the subject and of the bare reference.
+    rounds, bare_rounds : the measurements of each round; empty: not measured, and `note` has the reason.
+    more : further figures by name. limits : that the project sets. panel : whether the row has a histogram.
     """
 
     name: str
@@ -121,12 +121,12 @@ class Row:
 
     @cached_property
     def figures(self) -> RoundFigures | None:
-        """Of what is measured."""
+        """The figures of the subject."""
         return RoundFigures.of(self.rounds, higher_is_better=self.higher_is_better) if self.rounds else None
 
     @cached_property
     def reference(self) -> RoundFigures | None:
-        """Of the bare reference."""
+        """The figures of the bare reference."""
         return RoundFigures.of(self.bare_rounds, higher_is_better=self.higher_is_better) if self.bare_rounds else None
 
     @property
@@ -151,7 +151,7 @@ class Row:
         return [(limit, limit.met(value)) for limit, value in found if value is not None]
 
     def as_dict(self) -> dict[str, Any]:
-        """The row as `--json` writes it."""
+        """The row as in `--json`."""
         figures, reference = self.figures, self.reference
         return {
             "name": self.name,
@@ -178,11 +178,11 @@ class Row:
 
 
 _TURN = 50  # calls in one turn
-_SHARE = 0.1  # of a round's length: costs vary less than lateness does
+_SHARE = 0.1  # of a round's length, as costs vary less than lateness
 
 
 class Call:
-    """Something to time: `prepare` runs before each call, untimed."""
+    """A call to time; `prepare` runs before each call, untimed."""
 
     def __init__(self, call: Callable[[], object], prepare: Callable[[], object] | None = None) -> None:
         self.call: Callable[[], object] = call
@@ -199,7 +199,7 @@ class Call:
 
 
 def cost(subject: Call, reference: Call, options: Options) -> tuple[list[Distribution], list[Distribution]]:
-    """Microseconds per call, one distribution for each round."""
+    """The time per call [us], a distribution for each round."""
     rounds: tuple[list[Distribution], list[Distribution]] = ([], [])
     automatic = gc.isenabled()
     try:

@@ -16,16 +16,16 @@ from hapnet.side.punctuality import KEPT
 
 PERIOD_NS = 1_000_000
 SKIPPED_EXCESS = 0.01
-"""By how much the share of skipped deadlines may exceed the bare loop's: a percentage point."""
+"""The amount by which the share of skipped deadlines may exceed the bare loop's: a percentage point."""
 
 BARE = "time.sleep to absolute deadlines in a process of its own"
 
 
 @dataclass(frozen=True)
 class Lateness:
-    """How a loop kept its deadlines: (lateness [ns], count) pairs, and how many deadlines it skipped.
+    """The lateness of a loop: (lateness [ns], count) pairs, and the number of skipped deadlines.
 
-    Every deadline was late until the first tick after it, the skipped ones too.
+    Every deadline, also a skipped one, counts as late until the first tick after it.
     """
 
     bins: tuple[tuple[int, int], ...]
@@ -39,17 +39,17 @@ class Lateness:
 
     @property
     def late(self) -> int:
-        """Deadlines that were late by a period or more."""
+        """The number of deadlines that were late by a period or more."""
         return sum(count for edge, count in self.bins if edge >= self.period_ns)
 
     @property
     def distribution(self) -> Distribution:
-        """In microseconds."""
+        """The distribution of the lateness [us]."""
         return Distribution.of_bins(self.bins, 1e-3)
 
 
 def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, period_ns: int = PERIOD_NS) -> Lateness:
-    """The reference: a loop that wakes at each deadline and does nothing else."""
+    """The reference: a loop that only wakes at each deadline."""
     set_timer_slack()
     late: list[tuple[int, int]] = []
     clock, sleep = time.monotonic_ns, time.sleep
@@ -68,7 +68,7 @@ def bare_loop(wait_for_start: WaitForStart, seconds: float, realtime: bool, peri
         late.append((now_ns - waiting_ns, count))
         waiting_ns += count * period_ns
         grid.advance(clock())
-    histogram = Histogram()  # the servo's bins, so that both are rounded alike
+    histogram = Histogram()  # with the servo's bins, so that both are rounded equally
     for value, count in late:
         histogram.add_steps(value, period_ns, count)
     return Lateness(tuple(histogram.bins()), grid.skipped, refusal, period_ns)
@@ -103,13 +103,13 @@ def servo_idle(options: Options) -> Row:
 
 
 def servo_busy_thread(options: Options) -> Row:
-    """The same beside a Python thread that never waits."""
-    what = "the same beside a busy Python thread in its process"
+    """The servo with an empty tick beside a Python thread that never waits."""
+    what = "lateness of the servo, empty tick, beside a busy Python thread in its process"
     return _beside_bare("servo_busy_thread", what, options, busy_thread=True)
 
 
 def late_share(subject: list[Lateness], bare: list[Lateness]) -> dict[str, float]:
-    """Shares of deadlines: late by a period or more, and skipped; of servo and bare loop, and their difference."""
+    """The shares of late (by a period or more) and skipped deadlines of servo and bare loop, and their differences."""
 
     def share(parts: list[Lateness], counts: Callable[[Lateness], int]) -> float:
         return sum(map(counts, parts)) / max(1, sum(part.deadlines for part in parts))
@@ -123,13 +123,13 @@ def late_share(subject: list[Lateness], bare: list[Lateness]) -> dict[str, float
 
 
 def rate_kept(subject: list[Lateness], bare: list[Lateness]) -> str:
-    """The rate that the servo kept, and the bare loop, if the servo did not keep its own; empty: it did."""
+    """A note with the rates of servo and bare loop if the servo did not keep its rate; empty: it did."""
     shares = late_share(subject, bare)
     kept, theirs = 1.0 - shares["skipped"], 1.0 - shares["skipped_bare"]
-    asked = 1e9 / subject[0].period_ns
+    nominal = 1e9 / subject[0].period_ns
     if kept >= KEPT:
         return ""
-    return f"did not keep its rate: {kept * asked:.0f} of {asked:.0f} Hz, the bare loop {theirs * asked:.0f} Hz"
+    return f"did not keep its rate: {kept * nominal:.0f} of {nominal:.0f} Hz, the bare loop {theirs * nominal:.0f} Hz"
 
 
 def late_row(
@@ -142,7 +142,7 @@ def late_row(
     limits: tuple[Limit, ...] = (),
     note: str = "",
 ) -> Row:
-    """A row of lateness, a part for each round; its further figures begin with `late_share`."""
+    """A row of lateness, with a part for each round; its further figures begin with `late_share`."""
     ours, theirs = ([part.distribution for part in parts] for parts in (subject, bare))
     note_text = "; ".join(filter(None, (rate_kept(subject, bare), note, subject[0].refusal)))
     figures, limits = late_share(subject, bare) | dict(more or {}), (*limits, Limit("skipped_excess", SKIPPED_EXCESS))

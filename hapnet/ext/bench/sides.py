@@ -1,4 +1,4 @@
-"""The two processes of a pair, started and read by a benchmark."""
+"""Starts the two processes of a pair for a benchmark, and reads their notices and summaries."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hapnet.processes.start import PIPE, how_it_ended, side_command, started
 from hapnet.transport.config import local_address
 
 _INCOMPLETE = 3
-"""Exit code of a side that could not record all: a fast servo beside others. What it measured counts."""
+"""Exit code of a side whose recording is incomplete, such as of a fast servo on busy cores. Its summary is used."""
 
 
 def start_pair(
@@ -32,7 +32,7 @@ def start_pair(
     realtime: bool,
     beside: Callable[[str], AbstractContextManager[object]] | None = None,
 ) -> tuple[Side, Side]:
-    """Start a device and a world that pair; both record, and end with `stack`.
+    """Start a device and a world that pair; both record, and are ended with `stack`.
 
     beside : entered with the world's address before the device starts, so that it does not disturb the measurement.
     """
@@ -40,7 +40,7 @@ def start_pair(
     (directory / "params.toml").write_text(params.toml(sources=True), encoding="utf-8")
     address, session = local_address(str(directory)), f"bench-{secrets.token_hex(4)}"
     world = stack.enter_context(Side("world", directory, "--listen", address, session=session))
-    world.expect("waiting")  # it has loaded its libraries, which would disturb the measurement
+    world.expect("waiting")  # then its libraries are loaded, which would disturb the measurement
     if beside is not None:
         stack.enter_context(beside(address))
     flags = ["--realtime"] if realtime else []
@@ -50,7 +50,7 @@ def start_pair(
 
 
 def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) -> Lateness:
-    """How the device's servo kept its deadlines, from pairing."""
+    """The lateness of the device's servo from pairing on."""
     servo = summary["device"]["servo"]
     bins = tuple((round(edge * 1e3), count) for edge, count in servo["late_histogram_us"])
     return Lateness(bins, servo["skipped"], device.notices.get("realtime"), period_ns)
@@ -59,7 +59,7 @@ def lateness(summary: dict[str, Any], device: Side, period_ns: int = PERIOD_NS) 
 def beside_and_alone(
     params: Params, options: Options, beside: Callable[[str], AbstractContextManager[object]]
 ) -> tuple[list[Lateness], list[Lateness]]:
-    """A pair with `beside`, and the same pair alone, in turns: how the device's servo kept its deadlines."""
+    """The lateness of the device's servo in a pair with `beside`, and in the same pair alone, in turns."""
     watched: list[Lateness] = []
     alone: list[Lateness] = []
     for number in range(options.rounds):
@@ -84,7 +84,7 @@ class Side:
             role, *flags, session=session, params=directory / "params.toml", seed=0,
             record=directory / f"{role}.mcap", summary=str(self._json),
         )  # fmt: skip
-        self._errors = (directory / f"{role}.err").open("w+", encoding="utf-8")  # a pipe would fill up, and block it
+        self._errors = (directory / f"{role}.err").open("w+", encoding="utf-8")  # a pipe would fill up, and block
         self._process = started(command, stdout=PIPE, stderr=self._errors.fileno())
         self._queue: SimpleQueue[str | None] = SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -103,26 +103,26 @@ class Side:
 
     def expect(self, kind: str) -> None:
         """Wait for a notice of this kind."""
-        for reported in self._reported(READY_S):
-            if reported == kind:
+        for found in self._kinds(READY_S):
+            if found == kind:
                 return
         raise HapnetError(self._failure(f"ended before it was {kind}"))
 
     def summary(self, timeout_s: float) -> dict[str, Any]:
         """The process's summary; waits until it has ended."""
-        for _ in self._reported(timeout_s):
+        for _ in self._kinds(timeout_s):
             pass
         if self._process.wait(timeout_s) not in (0, _INCOMPLETE):
             raise HapnetError(self._failure(how_it_ended(self._process.returncode)))
         summary: dict[str, Any] = json.loads(self._json.read_text(encoding="utf-8"))
         return summary
 
-    def _reported(self, timeout_s: float) -> Iterator[str]:
+    def _kinds(self, timeout_s: float) -> Iterator[str]:
         with contextlib.suppress(Empty):
             while (kind := self._queue.get(timeout=timeout_s)) is not None:
                 yield kind
             return
-        raise HapnetError(f"the {self.role} process said nothing for {timeout_s:.0f} s")
+        raise HapnetError(f"the {self.role} process sent no notice for {timeout_s:.0f} s")
 
     def _failure(self, otherwise: str) -> str:
         self._process.kill()

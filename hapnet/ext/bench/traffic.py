@@ -1,7 +1,7 @@
 """The servo's lateness under load: a device and a world process over Zenoh, as `hapnet run` starts them.
 
-Positions go at 1 kHz in each direction over an empty link, and both sides record. Meanwhile a bare deadline loop runs
-in a process of its own with the same scheduling.
+Positions are sent at 1 kHz in each direction over an empty link, and both sides record. Meanwhile a bare deadline loop
+runs in a process of its own with the same scheduling.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from hapnet.processes.child import Child, busy
 
 KILOHERTZ = {"world.step_min_s": 0.001, "world.step_max_s": 0.001, "device.pspm_period_s": 0.001}
 LATE_EXCESS = 0.0003
-"""By how much the share of ticks late by a period may exceed the bare loop's: 0.03 percentage points."""
+"""The amount by which the share of ticks late by a period may exceed the bare loop's: 0.03 percentage points."""
 
 
 RATES_KHZ = (2, 5, 10)
-"""Faster rates of the servo that are measured; positions go at 1 kHz as before."""
+"""Faster rates of the servo that are measured too; positions are still sent at 1 kHz."""
 
 
 def servo_traffic(options: Options, khz: int = 1) -> Row:
-    """The device's servo with 1 kHz in each direction and recording."""
+    """The lateness of the device's servo with 1 kHz in each direction and recording."""
     subject, bare = [], []
     rates: list[float] = []
     for _ in range(options.rounds):

@@ -1,4 +1,4 @@
-"""The servo's lateness while somebody watches the pair, in turns with the same pair while nobody watches."""
+"""The servo's lateness while the pair is watched, in turns with the same pair without a watcher."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ HEADLESS = ("--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftsha
 
 
 def servo_watched(options: Options) -> Row:
-    """A client that reads all telemetry stands for the page; with --realtime a browser shows the page, if there is one.
+    """The lateness beside a client that reads all telemetry; with --realtime, beside a browser that shows the page.
 
-    Without --realtime there is no browser: on the same cores it would delay a servo that has no priority over it.
+    Without --realtime no browser is started, as on the same cores it would delay a servo without priority.
     """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None) if find_spec("viser") is not None else None
     browser = browser if options.realtime else None
@@ -34,13 +34,13 @@ def servo_watched(options: Options) -> Row:
     params = Params().set({"link.up": "", "link.down": "", "duration_s": options.seconds})
     watched, alone = beside_and_alone(params, options, partial(_watching, browser, options.seconds))
     note = "" if browser or not options.realtime else "no browser"
-    against, limits = "the same pair with nobody watching, in turns", (Limit("ratio_p99", 1.2),)
+    against, limits = "the same pair without a watcher, in turns", (Limit("ratio_p99", 1.2),)
     return late_row("servo_watched", f"lateness while {who}", watched, against, alone, limits=limits, note=note)
 
 
 @contextlib.contextmanager
 def _watching(browser: str | None, seconds: float, address: str) -> Iterator[None]:
-    """Inside, somebody watches the pair whose world listens at `address`."""
+    """A context in which the pair whose world listens at `address` is watched."""
     port, token = int(free_address().rpartition(":")[2]), secrets.token_urlsafe(16)
     with contextlib.ExitStack() as stack:
         reader = stack.enter_context(Child(_watch, address, seconds, port if browser else None, token))
@@ -69,7 +69,7 @@ def _watch(wait_for_start: WaitForStart, address: str, seconds: float, port: int
             page = stack.enter_context(serve(history, port=port, token=token))
             while not page.watched:
                 time.sleep(0.1)
-        while watcher.pair is None:  # until then nothing is read
+        while watcher.pair is None:  # until then there is no telemetry
             time.sleep(0.05)
         wait_for_start()
         time.sleep(2.0 * seconds + 60.0)  # the benchmark ends this process earlier

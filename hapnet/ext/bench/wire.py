@@ -1,4 +1,4 @@
-"""Messages and links without a servo: encoding and decoding, how late a link releases, how soon energy is credited."""
+"""Messages and links without a servo: encoding and decoding, lateness of a link, and time until energy is credited."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _POSITION = (0.0123, -0.0045, 0.0307)
 
 
 def codec_position(options: Options) -> Row:
-    """Encode and decode with validation, beside msgpack with the same list and no validation."""
+    """Encode and decode with validation, beside msgpack with the same list without validation."""
     numbers = count()
     start, echo = start_of(Position.KIND, _INCARNATION, 1), echo_of(*_ECHO)
 
@@ -58,7 +58,7 @@ def codec_energy(options: Options) -> Row:
 
 _LUMP_J = 1e-3
 _PAUSE_NS = 250_000_000
-"""Time between a credit and the next lump [ns]: each lump is alone, so only its own retransmission repairs its loss."""
+"""Time between a credit and the next lump [ns], so that only its own retransmission repairs the loss of a lump."""
 _LUMPS = 300  # per second of a round's length
 
 
@@ -73,7 +73,7 @@ def energy_recovery(rtt_ms: float, loss: str, name: str, options: Options) -> Ro
 
 
 def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:
-    """Nanoseconds from each of `count` lumps to its credit."""
+    """The time from each of `count` lumps to its credit [ns]."""
     here = Session(role="device", dof=1, name="device", incarnation=1)
     there = Session(role="world", dof=1, name="world", incarnation=2)
     pair(here, there)
@@ -105,7 +105,7 @@ def credit_times(profile: LinkProfile, count: int, seed: int) -> list[int]:
 
 
 def pair(device: Session | Endpoint, world: Session | Endpoint) -> None:
-    """Hand each side's hellos and welcomes to the other until neither has any left."""
+    """Deliver each side's hellos and welcomes to the other side until none are left."""
     for _ in range(4):
         for sender, receiver in ((device, world), (world, device)):
             for message in sender.poll(0)[0]:

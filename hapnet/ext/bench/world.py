@@ -23,7 +23,7 @@ _WALL_M = 0.010
 
 
 class PressedWorld:
-    """A world whose mass is pressed into the wall; every step has a new set-position. It is compiled as in real time.
+    """A world with its mass pressed into the wall; each step has a new set-position. It is compiled as in real time.
 
     own : parameters besides the scene. steps_s : minimum and maximum time between two steps [s].
     """
@@ -44,7 +44,7 @@ class PressedWorld:
             self.step()
 
     def prepare(self) -> None:
-        """A message arrives, and time passes."""
+        """Advance the time by a step, and deliver a message."""
         self.now_ns += next(self._steps_ns)
         self._world.receive(self.now_ns, self._device.session.position(self.now_ns, self._target))
 
@@ -60,7 +60,7 @@ def world_step_wall(options: Options) -> Row:
 
 
 def world_step_kilohertz(options: Options) -> Row:
-    """The same in 1-DOF at the rate of a servo, where the predictor has 36 positions to fit in place of 8."""
+    """`WorldSide.step` in 1-DOF at the rate of a servo, where the predictor fits 36 positions in place of 8."""
     world = PressedWorld(KILOHERTZ, (0.001, 0.001))
     what = "world step, 1-DOF, wall in contact, 1 kHz, a new position for each step"
     return _beside_penalty("world_step_kilohertz", what, world, _TARGET[:1], options)

@@ -1,6 +1,6 @@
 """Figures of merit of a simulated run: tracking error, rendered force, messages sent, and passivity.
 
-Each is a function of one `Measured` with the decorator `metric`, in any module of this package: `METRICS` finds it.
+Each metric is a function of a `Measured` with the decorator `metric`, in any module of this package; see `METRICS`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from hapnet.ext.metrics.measured import DEFINED, Measures as Measures, Metric as
 
 _FIRST = ("passivity", "motion", "contact", "force")
 
-for _module in (*_FIRST, *sorted({one.name for one in iter_modules(__path__)} - {*_FIRST})):
+for _module in (*_FIRST, *sorted({each.name for each in iter_modules(__path__)} - {*_FIRST})):
     import_module(f"{__name__}.{_module}")
 
 METRICS: Mapping[str, Metric] = MappingProxyType(DEFINED)
-"""Every metric, by its name: those of `_FIRST` first."""
+"""Every metric by its name, first the metrics of the modules `_FIRST`."""

@@ -1,4 +1,4 @@
-"""How stiff a wall feels, how hard it pushes, and when that is felt. All this holds for solids too."""
+"""Metrics of walls and solids: how stiff they feel, how hard they push, and how late a contact is felt."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from hapnet.recording.samples import Columns, Recording
 
 _SETTLED_S = 0.1  # shortest settled contact for which a slope is computed
 _AWAY_S = 0.1
-"""A device that returns into the wall later than this makes a new touch [s]; earlier, it only trembles."""
+"""A return into the wall counts as a new touch after this time outside [s]; a quicker return is a tremble."""
 _BEFORE_S = 0.1
 _MORE, _MIN_N = 0.1, 0.1
-"""A contact is felt when the force exceeds that of the last 100 ms by this share of it and by this much [N]: people
-notice about a tenth (Weber's fraction of force)."""
+"""A contact is felt when the force exceeds the force of the last 100 ms by this share of it and by this amount [N]:
+people notice about a tenth (Weber's fraction of force)."""
 
 _LASTING_S = 0.15
-"""And it must exceed that on average for so long [s]: an oscillation at 4 Hz or more is not felt as a wall."""
+"""The average force over this time must exceed it too [s], as an oscillation at 4 Hz or more is not felt as a wall."""
 
 
 @metric("rendered stiffness", "%", "nearer 100", over="time in settled contact")
@@ -32,7 +32,7 @@ def stiffness_percent(run: Measured) -> float | None:
     """Least-squares slope of the resisting force over the device's penetration, through the wall's surface, after a
     visit has settled (a round trip and two of the world's longest steps after it began), in % of the stiffness of
     the given springs and the wall in series: two springs for pspm, zoh, popc and eba, only device.stiffness for the
-    others. If a law's rule makes its spring softer, this shows."""
+    others. A law whose rule softens its spring has a lower value."""
     if run.walls is None or run.delay_s is None:
         return None
     wall = pressed_wall(run.device, run.walls)
@@ -44,9 +44,9 @@ def stiffness_percent(run: Measured) -> float | None:
 
 @metric("stiffness, worst tenth", "%", "nearer 100", over="time in settled contact of a tenth of the run")
 def stiffness_worst_percent(run: Measured) -> float | None:
-    """The stiffness that is rendered in each tenth of the run, in % of that of the springs and the wall in series; of
-    the tenths with 0.1 s of settled contact the one farthest from 100. If none has that, as with taps shorter than a
-    round trip, all contact counts. Walls may move."""
+    """The rendered stiffness in each tenth of the run, in % of the stiffness of the springs and the wall in series; of
+    the tenths with 0.1 s of settled contact the value farthest from 100. If no tenth has 0.1 s, as with taps shorter
+    than a round trip, all contact counts. Walls may move."""
     if run.wanted is None or not run.scalar or run.delay_s is None:
         return None
     shares = rendered_by_tenths(run.recording, run.wanted, run.delay_s, run.params.duration_s)
@@ -56,35 +56,35 @@ def stiffness_worst_percent(run: Measured) -> float | None:
 @metric("first felt contact", "ms", "lower", missed="first_contact_missed", over="the first contact")
 def first_contact_ms(run: Measured) -> float | None:
     """Time from the device's first crossing of the wall's surface until the contact is felt, less the median delays of
-    both links; below 0: felt before word of it could be back. Felt: the resisting force exceeds, by 10 % and by 0.1 N,
-    the largest of the 100 ms before the crossing, also on average over the next 150 ms, as no oscillation does."""
+    both links; below 0: felt before an answer could arrive. Felt: the resisting force exceeds, by 10 % and by 0.1 N,
+    the largest force of the 100 ms before the crossing, also on average over the next 150 ms, unlike an oscillation."""
     return None if (found := run.once(_latency)) is None else _finite_ms(found.first_s)
 
 
 @metric("first contact missed", "", "lower", over="the first contact")
 def first_contact_missed(run: Measured) -> float | None:
-    """1: the first contact was not felt before the device left, and a round trip more. 0: it was. None: no wall was
-    entered deep enough for an ideal local spring to take 0.1 N."""
+    """1: the first contact was not felt until a round trip after the device left. 0: it was. None: no wall was
+    entered deep enough for an ideal local spring to reach 0.1 N."""
     found = run.once(_latency)
     return None if found is None or found.first_s is None else float(math.isinf(found.first_s))
 
 
 @metric("later contacts", "ms", "lower", missed="later_contacts_missed", over="contacts after the first")
 def later_contact_ms(run: Measured) -> float | None:
-    """Median over all contacts after the first of the time until they are felt, from when an ideal local spring would
-    take 0.1 N. One that is not felt counts as infinite."""
+    """Median over all contacts after the first of the time until they are felt, from the time at which an ideal local
+    spring would reach 0.1 N. A contact that is not felt counts as infinite."""
     return None if (found := run.once(_latency)) is None else _finite_ms(found.later_s)
 
 
 @metric("later contacts", "", "higher", over="the whole run")
 def later_contacts(run: Measured) -> float | None:
-    """How many contacts followed the first."""
+    """Number of contacts after the first."""
     return None if (found := run.once(_latency)) is None else float(found.touches)
 
 
 @metric("later contacts missed", "", "lower", over="contacts after the first")
 def later_contacts_missed(run: Measured) -> float | None:
-    """How many of these were not felt."""
+    """Number of contacts after the first that were not felt."""
     return None if (found := run.once(_latency)) is None else float(found.touches - found.felt)
 
 
@@ -102,13 +102,13 @@ def _finite_ms(seconds: float | None) -> float | None:
 
 
 def rendered_stiffness(recording: Recording, walls: Sequence[WallOrSolid], round_trip_s: float) -> float | None:
-    """Slope of the resisting force over the device's penetration of the wall where it was deepest [N/m].
+    """Slope of the resisting force over the device's penetration of the wall in which it was deepest [N/m].
 
-    It is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the time of settled
+    This is the least-squares slope through the wall's surface, ``sum(F p) / sum(p^2)`` over the time of settled
     contact. A visit has settled when the wall acts on the device's spring: a round trip of the link plus two of the
-    world's longest steps after the device entered. Before that the force is that of free space. A slope with a free
-    intercept would depend on those samples, and on the damper's force during entry and exit. None with less than 0.1 s
-    of settled contact: there is no wall, or the visits are too short.
+    world's longest steps after the device entered. Before that the force is the force of free space. A slope with a
+    free intercept would depend on those samples, and on the damper's force during entry and exit. None with less than
+    0.1 s of settled contact: there is no wall, or the visits are too short.
     """
     settled = _settled_contact(recording, walls, round_trip_s)
     if settled is None:
@@ -118,7 +118,7 @@ def rendered_stiffness(recording: Recording, walls: Sequence[WallOrSolid], round
 
 
 def contact_force(recording: Recording, walls: Sequence[WallOrSolid], round_trip_s: float) -> float | None:
-    """Median of the resisting force in settled contact [N], as `rendered_stiffness` says; None as it says."""
+    """Median of the resisting force in settled contact [N]; settled, and None, as in `rendered_stiffness`."""
     settled = _settled_contact(recording, walls, round_trip_s)
     return None if settled is None else quantile(settled[1], settled[2], 0.5)
 
@@ -126,10 +126,10 @@ def contact_force(recording: Recording, walls: Sequence[WallOrSolid], round_trip
 def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float, lasts_s: float) -> list[float]:
     """The share of the true environment's stiffness that is rendered in each tenth of a run with settled contact.
 
-    It is ``sum(F . W) / sum(W . W)`` over the time of settled contact, with F the force on the device and W = `wanted`
-    (N, n) that of the true environment [N] (`environment_force`): for a wall the slope of `rendered_stiffness` over the
-    stiffness of springs and wall in series. Contact is where W is not zero, settled and at least 0.1 s long in a tenth
-    as `rendered_stiffness` says. If no tenth has that, as with taps shorter than a round trip, all contact counts.
+    This is ``sum(F . W) / sum(W . W)`` over the time of settled contact, with F the force on the device and W =
+    `wanted` (N, n) the force of the true environment [N] (`environment_force`): for a wall the slope of
+    `rendered_stiffness` over the stiffness of springs and wall in series. In contact W is not zero; contact must be
+    settled, and at least 0.1 s long in a tenth (`rendered_stiffness`). If no tenth has 0.1 s, all contact counts.
     """
     device, world = recording.device, recording.world
     if device is None or world is None:
@@ -140,14 +140,14 @@ def rendered_by_tenths(recording: Recording, wanted: Array, round_trip_s: float,
     work, square = (np.sum(force * wanted, axis=1) * lasting for force in (device["force_N"], wanted))
     for contact in (settled, inside):
         chosen = [contact & part for part in parts]
-        long = [one for one in chosen if _is_long(lasting[one])]
+        long = [samples for samples in chosen if _is_long(lasting[samples])]
         if long:
-            return [float(work[one].sum() / square[one].sum()) for one in long]
+            return [float(work[samples].sum() / square[samples].sum()) for samples in long]
     return []
 
 
 def pressed_wall(device: Columns | None, walls: Sequence[WallOrSolid]) -> WallOrSolid | None:
-    """The wall or solid where the device's depth, summed over time, is largest; None: it entered none."""
+    """The wall or solid in which the device's depth, summed over time, is largest; None: it entered none."""
     if device is None or not walls:
         return None
     lasting = durations_s(device)
@@ -179,7 +179,7 @@ def _settled_contact(
 
 
 def _settled(device: Columns, inside: Mask, after_s: float) -> Mask:
-    """Samples in the wall whose visit began more than `after_s` earlier."""
+    """True for samples in the wall, in visits that began more than `after_s` earlier."""
     times = device["time_s"]
     outside_last = np.maximum.accumulate(np.where(inside, -np.inf, times))
     return np.asarray(inside & (times - outside_last > after_s) & np.isfinite(outside_last))
@@ -191,10 +191,10 @@ def _is_long(lasting: Array) -> bool:
 
 
 class WallContact(NamedTuple):
-    """One visit to a wall; times since the recording's origin [s].
+    """A visit to a wall; times since the recording's origin [s].
 
-    entered_s : when the device crossed the surface. ideal_s : when a local spring without delay would take 0.1 N.
-    felt_s : when the contact was felt; None: it was not.
+    entered_s : when the device crossed the surface. ideal_s : when a local spring without delay would reach 0.1 N.
+    felt_s : when the contact was felt; None: it was not felt.
     """
 
     entered_s: float
@@ -205,13 +205,13 @@ class WallContact(NamedTuple):
 def touches(
     recording: Recording, walls: Sequence[WallOrSolid], stiffness: float, round_trip_s: float
 ) -> list[WallContact]:
-    """Every touch of the wall that was pressed most, in the order of time.
+    """Every touch of the wall that was pressed most, in order of time.
 
     A contact is felt when the outward force along the wall's normal exceeds, by 10 % and by 0.1 N, the largest force
-    of the 100 ms before the device crossed the surface, and does so on average over the next 150 ms. That is looked for
-    until a round trip after the device left, or until it enters again. A visit too shallow for an ideal local spring of
-    `stiffness` [N/m] to take 0.1 N is no touch; nor is one that had begun before the first sample. Empty: no wall was
-    entered.
+    of the 100 ms before the device crossed the surface, and does so on average over the next 150 ms. The search ends a
+    round trip after the device left, or when it enters again. A visit too shallow for an ideal local spring of
+    `stiffness` [N/m] to reach 0.1 N is no touch, and neither is a visit that began before the first sample. Empty: no
+    wall was entered.
     """
     device = recording.device
     found = depth_and_resistance(device, walls)
@@ -222,7 +222,7 @@ def touches(
     inside = np.flatnonzero(depth > 0.0)
     after_gap = np.flatnonzero(
         (np.diff(times[inside]) > _AWAY_S) & (np.diff(inside) > 1)
-    )  # in a gap nobody saw it leave
+    )  # a gap without samples does not show that it left
     first, last = inside[np.r_[0, after_gap + 1]], inside[np.r_[after_gap, len(inside) - 1]]
     ends_s = np.minimum(times[last] + round_trip_s, np.r_[times[first[1:]], np.inf])
     lasting = durations_s(device)
@@ -244,10 +244,10 @@ def touches(
 
 
 class Latency(NamedTuple):
-    """How late contacts were felt. Delays are [s], infinite for a contact that was not felt, None without any touch.
+    """The delay until contacts were felt [s]: infinite for a contact that was not felt, None without any touch.
 
     first_s : of the first touch, beyond the median round trip. later_s : median of the later ones, beyond the time of
-        an ideal local spring. touches, felt : how many later touches there were, and how many of them were felt.
+        an ideal local spring. touches, felt : the number of later touches, and of felt ones among them.
     """
 
     first_s: float | None
@@ -257,7 +257,7 @@ class Latency(NamedTuple):
 
 
 def latency(found: Sequence[WallContact], round_trip_s: float) -> Latency:
-    """How late these touches were felt."""
+    """The delays until these touches were felt."""
     late = [
         np.inf if touch.felt_s is None else touch.felt_s - since_s
         for k, touch in enumerate(found)

@@ -1,4 +1,4 @@
-"""The force on the device: its difference from another, its steps and buzz, and what it does when the hand rests."""
+"""Metrics of the force on the device: its error, its steps and buzz, and its oscillation while the hand rests."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hapnet.recording.poses import of_point
 from hapnet.recording.samples import Columns, Recording
 
 BUZZ_HZ = 20.0
-"""No hand moves faster than this: force above this frequency comes from the coupling."""
+"""No hand moves faster than this [Hz]: force above this frequency comes from the coupling."""
 
 _SEGMENT_S = 1.0
-_OVERLAPS = 4  # segments that cover each instant: with Hann windows all instants then have equal weight
+_OVERLAPS = 4  # segments that cover each instant, so that with Hann windows all instants have equal weight
 
 FROM_S, UNTIL_S = 1.0, 3.0
 """The oscillation is measured from this long to this long after the hand's reference has stopped [s]."""
 
 LIMIT_CYCLE_N = 0.02
-"""An oscillation below this [N] is no limit cycle: nobody feels it."""
+"""An oscillation below this [N] is no limit cycle, as it cannot be felt."""
 
 _STILL_M = 1e-9
 
@@ -35,30 +35,30 @@ def force_error_N(run: Measured) -> float | None:
 
 @metric("force error", "%", "lower", over="time in which both runs have begun")
 def force_error_percent(run: Measured) -> float | None:
-    """The same in % of the ideal run's peak force."""
+    """The force error in % of the ideal run's peak force."""
     return None if (found := run.once(_force_error)) is None else found[1]
 
 
 @metric("true force error", "N", "lower", over="time")
 def true_force_error_N(run: Measured) -> float | None:
-    """Root mean square over time of the difference between the force on the device and that of the true environment at
-    the device's place: the walls, rendered locally and at once through the given springs in series, and nothing in free
-    space (transparency: Lawrence 1993). Drag, lag and softness all count. Where walls rub, or a tool turns, no spring
-    says their force: there it is the difference from the force at the same time in the same run over an ideal link,
-    with a world that steps at 1 kHz."""
+    """Root mean square over time of the difference between the force on the device and the force of the true
+    environment at the device's place: the walls, rendered locally and at once through the given springs in series, and
+    zero in free space (transparency: Lawrence 1993). Drag, lag and softness all count. With friction, or a tool that
+    turns, no spring gives this force: then the difference is taken from the force at the same time in the same run over
+    an ideal link, with a world that steps at 1 kHz."""
     return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[0]
 
 
 @metric("true force error", "%", "lower", over="time")
 def true_force_error_percent(run: Measured) -> float | None:
-    """The same in % of the true environment's peak force in this run."""
+    """The true force error in % of the true environment's peak force in this run."""
     return None if (wanted := run.once(_true_force)) is None else rms_difference(run.device, wanted)[1]
 
 
 @metric("true force error, last minute", "%", "lower", over="time in the last minute")
 def true_force_error_last_percent(run: Measured) -> float | None:
-    """The same over the last minute before the hand comes to rest, in a run of 120 s or more; in % of the whole run's
-    peak."""
+    """The true force error over the last minute before the hand comes to rest, in a run of 120 s or more; in % of the
+    whole run's peak."""
     wanted, (_, last) = run.once(_true_force), run.windows
     if wanted is None or last is None:
         return None
@@ -96,14 +96,14 @@ def _force_error(run: Measured) -> tuple[float, float | None] | None:
 
 
 def _true_force(run: Measured) -> Array | None:
-    """The true environment's force on the device (N, n) [N]; of walls that rub, from the run over an ideal link."""
+    """The true environment's force on the device (N, n) [N]; with friction, from the run over an ideal link."""
     if not run.scalar or run.local is None:
         return run.wanted if run.scalar else None
     return force_meanwhile(run.recording, of_point(run.local))
 
 
 def force_error(recording: Recording, ideal: Recording) -> tuple[float, float | None] | None:
-    """(root mean square of the difference between the forces on the device [N], the same in % of `ideal`'s peak force).
+    """(rms of the difference between the forces on the device [N], this difference in % of `ideal`'s peak force).
 
     The forces are compared at the same time since control of the device began, which is when the simulated hand begins
     to move. The force of `ideal` is interpolated at this run's sample times. The percentage is None if the force in
@@ -141,8 +141,8 @@ def rms_difference(
 ) -> tuple[float | None, float | None]:
     """(rms of the difference between the force on the device and `wanted` (N, n) [N], in % of the peak of `wanted`).
 
-    counts : (N,) the samples over which the mean is taken; None: all. Where `wanted` is NaN it is not known, and the
-        sample does not count. None without any that counts, and no percentage where `wanted` is always 0.
+    counts : (N,) the samples over which the mean is taken; None: all. A sample with NaN in `wanted`, which is not
+        known there, does not count. None without a sample that counts; no percentage if `wanted` is always 0.
     """
     known = np.isfinite(wanted).all(axis=1)
     chosen = known if counts is None else known & counts
@@ -195,18 +195,18 @@ def _hand_s(recording: Recording, device: Columns) -> Array:
 def residual_oscillation(recording: Recording) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped [N].
 
-    All axes count together. A reference that rests from the start has stopped then. If it stops more than once for as
-    long as that, the largest counts. None if it never does, or if the recording has no reference.
+    All axes count together. A reference that rests from the start stopped at the start. If it stops for 3 s more than
+    once, the largest value counts. None if it never does, or if the recording has no reference.
     """
     return max((_swing(recording, stop, FROM_S, UNTIL_S) for stop in _stops(recording)), default=None)
 
 
 def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
-    """Whether the force goes on to oscillate after the hand has stopped.
+    """Whether the force continues to oscillate after the hand has stopped.
 
     It does if the force without its mean is at least `LIMIT_CYCLE_N` (rms) in the last second before `until_s`, which
-    counts from a stop, and not less than half of what it was from 1 to 2 s: what decays faster is the end of a
-    transient. The longer `until_s`, the slower it may decay. None without a stop of `until_s`.
+    counts from a stop, and at least half of its value from 1 to 2 s, as an oscillation that decays faster is a
+    transient. The longer `until_s`, the slower the oscillation may decay. None without a stop of `until_s`.
     """
     found = None
     for stop in _stops(recording, until_s):
@@ -216,7 +216,7 @@ def limit_cycles(recording: Recording, until_s: float = UNTIL_S) -> bool | None:
 
 
 def _stops(recording: Recording, until_s: float = UNTIL_S) -> list[float]:
-    """When the hand's reference came to rest for at least so long [s]."""
+    """The times at which the hand's reference came to rest for at least `until_s` [s]."""
     device = recording.device
     if device is None or "operator_target_m" not in device:
         return []

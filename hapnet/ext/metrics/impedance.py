@@ -1,11 +1,11 @@
 """The mechanical impedance that a coupling transmits, from recorded positions and forces under a periodic motion.
 
-A device that follows a multisine has, in its settled state, only the frequencies of that signal in its answer to it;
-all else is noise. Over whole periods the Fourier coefficients of position X and force F at a line give ``Z = F/X``
+The settled response of a device that follows a multisine contains only the frequencies of that signal, and noise.
+Over whole periods the Fourier coefficients of position X and force F at a line give ``Z = F/X``
 [N/m] with no leakage and no window (R. Pintelon, J. Schoukens: System Identification, a Frequency Domain Approach,
 2012, chapter 2). Its real part is a stiffness; its imaginary part over the angular frequency is a damping. A coupling
-is transparent as far as Z is that of the environment (D. A. Lawrence: Stability and transparency in bilateral
-teleoperation, 1993).
+is transparent as far as Z equals the impedance of the environment (D. A. Lawrence: Stability and transparency in
+bilateral teleoperation, 1993).
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Quartiles:
 class Curve:
     """The transmitted impedance over several runs, at each frequency [Hz].
 
-    stiffness [N/m], damping [Ns/m], magnitude [N/m] : of what was transmitted. truth : the true impedance [N/m].
-    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz. turns : of a rotation: all in Nm/rad, Nms/rad.
+    stiffness [N/m], damping [Ns/m], magnitude [N/m] : of the transmitted impedance. truth : the true impedance [N/m].
+    off_3dB_hz : infinite for a run that is nowhere 3 dB off up to 20 Hz. turns : of a rotation, in Nm/rad and Nms/rad.
     """
 
     frequency_hz: tuple[float, ...]
@@ -78,10 +78,10 @@ class Curve:
 
     @property
     def off(self) -> float:
-        """By how much the median stiffness differs from the true one, at most, as a share of the largest true |Z|."""
+        """The largest difference of the median stiffness from the true one, as a share of the largest true |Z|."""
         greatest = max(map(abs, self.truth))
         pairs = zip(self.stiffness, self.truth, strict=True)
-        return max(abs(one.median - z.real) for one, z in pairs) / greatest if greatest else math.inf
+        return max(abs(stiffness.median - z.real) for stiffness, z in pairs) / greatest if greatest else math.inf
 
 
 def transmitted(
@@ -90,9 +90,9 @@ def transmitted(
     """The impedance at each of these harmonics of ``1 / period_s``.
 
     position : (N,) the device's [m], in the settled state. resistance : (N,) the force on it, against the motion [N].
-    step_s : between samples; a whole number of them makes a period. Samples after the last whole period are left out.
+    step_s : between samples; a period is a whole number of steps. Samples after the last whole period are left out.
 
-    The estimate is the least-squares one over the periods, ``sum F X* / sum |X|^2``.
+    The estimate is the least-squares estimate over the periods, ``sum F X* / sum |X|^2``.
     """
     length = round(period_s / step_s)
     count = len(position) // length
@@ -112,10 +112,10 @@ def transmitted(
 def off_hz(
     lines: Sequence[ImpedanceAtFrequency], truth: Callable[[float], complex], allowed: float = THREE_DB
 ) -> float | None:
-    """The lowest frequency of these lines at which ``|Z/Z_true - 1|`` exceeds `allowed` [Hz]; None: at none.
+    """The lowest frequency of these lines at which ``|Z/Z_true - 1|`` exceeds `allowed` [Hz]; None: it never does.
 
-    With the default that is 3 dB. The difference is taken of the complex impedances: a delayed spring has the right
-    magnitude, but instead of a part of its stiffness a damping, or less than none.
+    The default is 3 dB. The difference is taken between complex impedances: a delayed spring has the right magnitude,
+    but a part of its stiffness has become a positive or negative damping.
     """
     off = (line.frequency_hz for line in lines if abs(line.impedance / truth(line.frequency_hz) - 1.0) > allowed)
     return min(off, default=None)

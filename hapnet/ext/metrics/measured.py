@@ -1,6 +1,6 @@
-"""The definition of a metric, and its data: a simulated run, its surroundings, and its windows of time.
+"""The definition of a metric, and its input: a simulated run, its scene, and its windows of time.
 
-A case can miss a metric: `value_of` is infinite then, and `quantile` counts it instead of leaving it out.
+A case can miss a metric: then `value_of` is infinite, and `quantile` counts the case instead of leaving it out.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from hapnet.summary.structure import LinkPart, SidePart, Summary
 
 Better = Literal["higher", "lower", "nearer 0", "nearer 100"]
 Measures = dict[str, float | None]
-"""Values by the names of their metrics; None where a run does not give one."""
+"""Values by the names of their metrics; None if a run gives no value."""
 
 Mask: TypeAlias = NDArray[np.bool_]
-"""(N,) which samples count."""
+"""(N,) True for the samples that count."""
 
 FIRST_S, LAST_S, LONG_S = 10.0, 60.0, 120.0
-"""How long the first window and the last one are, and how long a run must last to have them [s]."""
+"""The lengths of the first and the last window, and the shortest run that has these windows [s]."""
 
 TENTHS = 10
 
@@ -45,17 +45,17 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of merit.
+    """A figure of merit.
 
     name : its key in dictionaries and files; it ends in the unit, as in `margin_J` or `packets_per_s`.
-    label : its name for people, short enough for a column.
+    label : its name in tables, short enough for a column.
     unit : of its values; "" for a bare number. better : "lower", "higher" or "nearer" a value. meaning : its
         definition in a sentence or two.
-    missed : the metric that counts how often a run missed this one; where it did and there is no value, medians and
-        quartiles take it as infinite. "": nothing can be missed.
-    over : what its mean, quantile, share or extreme is taken over. Means are over time, as each recorded sample counts
-        until the next one (`hapnet.recording.durations`).
-    find : its value of a run; None if the run does not give one.
+    missed : the metric that counts how often a run missed this one; a missed value counts as infinite in medians and
+        quartiles. "": it cannot be missed.
+    over : the set over which its mean, quantile, share or extreme is taken. Means are over time, as each recorded
+        sample counts until the next sample (`hapnet.recording.durations`).
+    find : computes its value for a run; None if the run gives no value.
     """
 
     name: str
@@ -74,11 +74,11 @@ class Metric:
 
 
 DEFINED: dict[str, Metric] = {}
-"""Every metric that a loaded module of this package defines; `hapnet.ext.metrics.METRICS` has them all."""
+"""Every metric that a loaded module of this package defines; `hapnet.ext.metrics.METRICS` has all metrics."""
 
 
 def metric(label: str, unit: str, better: Better, *, over: str, missed: str = "") -> Callable[[Find], Find]:
-    """Make a function a metric: see `Metric`. Its name is the metric's, its docstring the meaning."""
+    """Make a function a `Metric`, with the function's name as its name and the docstring as its meaning."""
 
     def define(find: Find) -> Find:
         name, text = find.__name__, " ".join((find.__doc__ or "").split()).removesuffix(".")
@@ -109,7 +109,7 @@ class Measured:
     """A simulated run with the motion of each tick of the servo recorded, and its scene.
 
     ideal : the recording of the same run over an ideal link without deadband; None: there is no such run.
-    local : that of the same run over an ideal link with a fast world, where the walls rub; None: they do not.
+    local : the recording of the same run over an ideal link with a fast world, for walls with friction; None: none.
     """
 
     params: Params
@@ -128,18 +128,18 @@ class Measured:
 
     @cached_property
     def walls(self) -> tuple[WallOrSolid, ...] | None:
-        """The walls and solids of the scene; None: they are not known, and no metric that needs them is."""
+        """The walls and solids of the scene; None: they are not known, and metrics that need them have no value."""
         moves = isinstance(self.scene, MovingWall) and self.scene.schedule.changes
         return () if moves else obstacles(self.scene)
 
     @cached_property
     def recording(self) -> Recording:
-        """The run's; of a tool that turns, that of its point."""
+        """The run's recording; for a tool that turns, the recording of its point."""
         return of_point(self.result.recording)
 
     @cached_property
     def turning(self) -> Recording | None:
-        """How it turned, if it is a tool that does."""
+        """The recording of the rotation; None: the tool does not turn."""
         return of_turning(self.result.recording)
 
     @property
@@ -176,7 +176,7 @@ class Measured:
 
     @property
     def delay_s(self) -> float | None:
-        """The median delays of both links together [s]; None: nothing came through one of them."""
+        """The sum of the median delays of both links [s]; None: no message came through one of them."""
         up_ms, down_ms = (direction["delay_p50_ms"] for direction in self.links)
         return None if up_ms is None or down_ms is None else (up_ms + down_ms) / 1e3
 
@@ -187,14 +187,14 @@ class Measured:
 
     @property
     def scalar(self) -> bool:
-        """Whether both springs are scalars, so that one number says how stiff they are in series with a wall."""
+        """Whether both springs are scalars, so that their stiffness in series with a wall is one number."""
         return isinstance(self.params.device.stiffness, float) and isinstance(self.params.world.stiffness, float)
 
     @cached_property
     def wanted(self) -> Array | None:
-        """The force of the true environment on the device (N, n) [N]; None: its walls are not known.
+        """The force of the true environment on the device (N, n) [N]; None: the walls are not known.
 
-        With springs that are no scalars the walls are taken as rigid: then it only shows where they are.
+        With springs that are no scalars only the walls' own stiffness counts: then this only shows their places.
         """
 
         def stiffness(wall: WallOrSolid) -> float:
@@ -204,16 +204,16 @@ class Measured:
 
     @cached_property
     def inside(self) -> Mask | None:
-        """(N,) whether the device is in a wall. None: they are not known. Of a tool: does the proxy touch?"""
+        """(N,) True while the device is in a wall; for a tool, while the proxy touches. None: this is not known."""
         if self.turning is not None:
             return None if self.world is None else touching(self.device, self.world)
         return None if self.wanted is None else np.asarray((self.wanted != 0.0).any(axis=1))
 
     def proxy_force(self, positions: Array, times: Array) -> Array | None:
-        """The walls' force on a proxy at rest (N, n) [N] while the device is at `positions` (N, n) [m]; None: as above.
+        """The walls' force on a resting proxy (N, n) [N] for the device at `positions` (N, n) [m]; None: not known.
 
-        It is that of the spring between device and proxy and the wall in series: the world's spring K', or the device's
-        for a coupling that has one only. `times` (N,) : since the recording's origin [s].
+        It is the force of the spring between device and proxy and the wall in series: the world's spring K', or the
+        device's for a coupling with only one spring. `times` (N,) : since the recording's origin [s].
         """
         springs = self.params.world if coupling(self.params.coupling).scaled else self.params.device
         if not isinstance(spring := springs.stiffness, float):
@@ -221,7 +221,7 @@ class Measured:
         return self._force_at(positions, times, lambda wall: spring * wall.stiffness / (spring + wall.stiffness))
 
     def _force_at(self, positions: Array, times: Array, stiffness: Callable[[WallOrSolid], float]) -> Array | None:
-        """The force of the walls that stood at each time, of such a stiffness; zero in none of them."""
+        """The force of the walls present at each time, with this stiffness; zero outside all walls."""
         scene = self.scene
         if isinstance(scene, MovingWall) and scene.schedule.changes:
             moving = scene.schedule
@@ -239,21 +239,21 @@ Find: TypeAlias = Callable[[Measured], float | None]
 
 
 class Span(NamedTuple):
-    """From `since_s` to before `until_s` [s]."""
+    """The times from `since_s` to before `until_s` [s]."""
 
     since_s: float
     until_s: float
 
     def holds(self, times: Array) -> Mask:
-        """Which of `times` (N,) [s] lie in it."""
+        """True for those of `times` (N,) [s] that lie in the span."""
         return np.asarray((times >= self.since_s) & (times < self.until_s))
 
 
 def first_and_last(lasts_s: float, still_s: float = 0.0) -> tuple[Span, Span] | None:
     """The first 10 s and the last minute; None: the run is too short.
 
-    lasts_s : the whole run [s], 120 or more. still_s : so long the hand holds still at the end [s]; the last minute is
-        the one before.
+    lasts_s : the duration of the run [s], 120 or more. still_s : the time at the end in which the hand holds still [s];
+        the last minute is the minute before it.
     """
     if lasts_s < LONG_S:
         return None
@@ -262,7 +262,7 @@ def first_and_last(lasts_s: float, still_s: float = 0.0) -> tuple[Span, Span] | 
 
 
 def tenths(times: Array, lasts_s: float) -> list[Mask]:
-    """Which of `times` (N,) [s] lie in each tenth of a run of `lasts_s` [s]; what is beyond counts with the last."""
+    """True for `times` (N,) [s] in each tenth of a run of `lasts_s` [s]; later times count with the last tenth."""
     which = np.minimum((times * (TENTHS / lasts_s)).astype(int), TENTHS - 1)
     return [which == tenth for tenth in range(TENTHS)]
 
@@ -273,7 +273,7 @@ def scaled(value: float | None, factor: float) -> float | None:
 
 
 def value_of(measures: Mapping[str, float | None], metric: str) -> float | None:
-    """The value of a case; infinite if it missed (a contact that was not felt); None if there is none to have."""
+    """The value of a case; infinite if the case missed it (a contact that was not felt); None if there is no value."""
     value = measures.get(metric)
     known = DEFINED.get(metric)
     if value is None and known is not None and known.missed and measures.get(known.missed):
@@ -282,7 +282,7 @@ def value_of(measures: Mapping[str, float | None], metric: str) -> float | None:
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """The quantile at `share` (0 to 1), linear between values; infinite where one of the two is."""
+    """The quantile at `share` (0 to 1), linear between values; infinite if one of the two is infinite."""
     ordered = sorted(values)
     place = share * (len(ordered) - 1)
     low = floor(place)

@@ -1,6 +1,6 @@
-"""How truly the proxy follows in free motion, how hard the coupling drags, and whether the two drift apart.
+"""Metrics of motion: how closely the proxy follows in free space, the coupling's drag, and the drift between the two.
 
-Over a transparent coupling the proxy would be where the device is, and nothing would drag (D. A. Lawrence 1993).
+With a transparent coupling the proxy would be at the device's place, and there would be no drag (D. A. Lawrence 1993).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from hapnet.recording.samples import Columns, Recording
 from hapnet.summary.from_samples import position_error, touching
 
 _MIN_DRAG_N = 0.01
-"""A drag below this is taken as this, where forces are compared with it [N]: nobody would feel it."""
+"""The smallest drag with which forces are compared [N]: a smaller drag cannot be felt."""
 
 _ALWAYS = Span(float("-inf"), float("inf"))
 
 
 @metric("position error, free", "mm", "lower", over="time with the device in no wall")
 def free_rms_mm(run: Measured) -> float | None:
-    """Root mean square of the distance between device and proxy at the same time, while the device is in no wall. (A
-    run's summary, free_rms_m, asks whether the proxy is in none)"""
+    """Root mean square of the distance between device and proxy at the same time, while the device is in no wall. (In a
+    run's summary, free_rms_m counts the time with the proxy in no wall)"""
     return _error_mm(run, _ALWAYS)
 
 
@@ -40,22 +40,23 @@ def free_first_mm(run: Measured) -> float | None:
 
 @metric("position error, free, last minute", "mm", "lower", over="such time in the last minute")
 def free_last_mm(run: Measured) -> float | None:
-    """The same over the last minute before the hand comes to rest, in a run of 120 s or more: if it is greater than
-    that of the first 10 s, the coupling gets worse with time."""
+    """The position error in free motion over the last minute before the hand comes to rest, in a run of 120 s or more:
+    if it is greater than in the first 10 s, the coupling gets worse with time."""
     return _error_mm(run, run.windows[1])
 
 
 @metric("position error, contact", "mm", "lower", over="time with the proxy in a wall")
 def contact_rms_mm(run: Measured) -> float | None:
-    """That distance while the proxy is in a wall. A perfect coupling has this error too: its spring yields."""
+    """Root mean square of that distance while the proxy is in a wall. A perfect coupling has this error too, as its
+    spring yields."""
     return scaled(run.summary["motion"]["contact_rms_m"], 1e3)
 
 
 @metric("drag at 67 mm/s", "N", "nearer 0", over="time in free motion")
 def drag_N(run: Measured) -> float | None:
     """Force against the motion in free space, by linear regression on the device's velocity, at 67 mm/s; both are means
-    over a third of a second, so that no oscillation hides it. Not within a round trip and two of the longest steps
-    after a contact."""
+    over a third of a second, so that no oscillation hides the drag. Time within a round trip and two of the longest
+    steps after a contact is left out."""
     return None if (found := run.once(_windows)) is None else found.drag()
 
 
@@ -104,23 +105,23 @@ def _windows(run: Measured) -> FreeWindows | None:
 
 
 DRAG_MPS = 0.067
-"""The speed at which drag is given [m/s]: that of a hand that moves by 30 mm at 0.5 Hz, root mean square."""
+"""The speed at which drag is given [m/s]: the rms speed of a hand that moves by 30 mm at 0.5 Hz."""
 
 NEAR_MPS = (0.05, 0.09)
-"""Speeds at which the largest drag is looked for [m/s]."""
+"""The range of speeds for the largest drag [m/s]."""
 
 _WINDOW_S = 1.0 / 3.0
-"""Force and velocity are means over this time [s]: the regression sees the hand's motion, not an oscillation at 3 Hz or
-more, whose force and speed are so large that they hide the drag."""
+"""Force and velocity are means over this time [s], so that the regression covers the hand's motion, not an oscillation
+at 3 Hz or more, whose force and speed are so large that they hide the drag."""
 _MIN_S, _MIN_MPS = 0.3, 0.005
 
 
 def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | None:
     """Root mean square of the distance between device and proxy in free motion [m]; None without such motion.
 
-    free : (N,) is the device outside of all walls, at each of its samples? The proxy may well be in one: it is where
-        the hand is not. (The summary's `motion` asks for the proxy, since a recording alone knows no walls. It
-        leaves out a proxy that has run into a wall, and counts one that is late while the hand pushes in it.)
+    free : (N,) True for samples with the device outside of all walls. The proxy may be in a wall, as it is at another
+        place. (The summary's `motion` uses the proxy instead, as a recording alone has no walls: it leaves out a proxy
+        that has run into a wall, and counts a proxy that is late while the hand pushes into the wall.)
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):
@@ -133,8 +134,8 @@ def following_error(recording: Recording, free: NDArray[np.bool_]) -> float | No
 class FreeWindows(NamedTuple):
     """Windows of a third of a second in free motion.
 
-    time_s : (M,) when each ends. velocity, force : (M, n) the device's mean velocity [m/s] and the mean force on it [N]
-        in each. period_s : time between two windows' ends.
+    time_s : (M,) the end of each. velocity, force : (M, n) the device's mean velocity [m/s] and the mean force on it
+        [N] in each. period_s : time between the ends of two windows.
     """
 
     time_s: Array
@@ -143,7 +144,7 @@ class FreeWindows(NamedTuple):
     period_s: float
 
     def during(self, span: Span) -> FreeWindows:
-        """Those that end in `span`."""
+        """The windows that end in `span`."""
         chosen = span.holds(self.time_s)
         return FreeWindows(self.time_s[chosen], self.velocity[chosen], self.force[chosen], self.period_s)
 
@@ -151,8 +152,8 @@ class FreeWindows(NamedTuple):
         """The force that resists free motion at `DRAG_MPS` [N]: a linear regression of force on velocity.
 
         The slope is ``-sum F.v / sum v.v`` with means F and v over a third of a second. A force that only accelerates
-        and brakes, such as a mass's, has none. None with less than 0.3 s of windows, or if they are slower than 5 mm/s
-        (root mean square).
+        and brakes, such as a mass's, has slope 0. None with less than 0.3 s of windows, or if they are slower than
+        5 mm/s (root mean square).
         """
         squared = float(np.sum(self.velocity * self.velocity))
         count = len(self.velocity)
@@ -174,10 +175,10 @@ class FreeWindows(NamedTuple):
 
 
 def free_windows(recording: Recording, walls: Sequence[WallOrSolid], settling_s: float) -> FreeWindows | None:
-    """The windows of free motion. None: the two sides are not on one clock.
+    """The windows of free motion; None: the two sides are not on one clock.
 
-    A window counts if neither the device nor the proxy was in a wall in it, nor during `settling_s` seconds before it.
-    Samples that are not evenly spaced are read on an even grid first.
+    A window counts if neither the device nor the proxy was in a wall during it, nor in the `settling_s` seconds before.
+    Samples that are not evenly spaced are first resampled to an even grid.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True) or len(device["time_s"]) < 2:
@@ -197,7 +198,7 @@ def free_windows(recording: Recording, walls: Sequence[WallOrSolid], settling_s:
 
 
 _TRAVELS_S = (0.1, 0.2, 0.4)
-"""The lag is modelled as a weighted sum of the device's displacements in these times [s]: zero while it rests."""
+"""The lag is modelled as a weighted sum of the device's displacements over these times [s]: zero while it rests."""
 _RATE_HZ = 100.0
 _MIN_DRIFT_S, _MIN_SPAN_S = 2.0, 5.0
 _ROUNDS = 30
@@ -206,11 +207,11 @@ _ROUNDS = 30
 def drift(recording: Recording, walls: Sequence[WallOrSolid]) -> float | None:
     """Slope over time of device minus proxy while both are outside all `walls` [m/s].
 
-    It is measured along the normal of the wall or solid where the device was deepest; without one, along the axis on
-    which it moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its last terms
-    are the lag, which is periodic if the motion is. It is fitted by least absolute deviations, so that an outage does
-    not look like drift (a very long outage still does). None if the two sides are not on one clock, or if free motion
-    lasts less than 2 s in all or less than 5 s from first to last sample.
+    It is measured along the normal of the wall or solid in which the device was deepest; without a wall, along the axis
+    on which the device moved most. The model is ``apart(t) = offset + slope t + sum_i w_i (x(t) - x(t - s_i))``. Its
+    last terms are the lag, which is periodic if the motion is. The model is fitted by least absolute deviations, so
+    that an outage does not look like drift (a very long outage still does). None if the two sides are not on one clock,
+    or if free motion lasts less than 2 s in total or less than 5 s from first to last sample.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):

@@ -1,4 +1,4 @@
-"""Where a device is in an obstacle, a flat wall or a solid, and the force that the true environment has there."""
+"""The depth of a device in obstacles (flat walls or solids), and the force of the true environment at its place."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class WallOrSolid(Protocol):
         """K_w [N/m]."""
 
     def depths(self, positions: Array) -> Array:
-        """(N,) how far inside each of `positions` (N, n) is from the nearest surface [m]; below 0 outside."""
+        """(N,) the depth of each of `positions` (N, n) below the nearest surface [m]; negative outside."""
 
     def normals(self, positions: Array) -> Array:
-        """(N, n) the unit normals there, into the obstacle; where a solid's has no part along the n axes, 0."""
+        """(N, n) the unit normals there, into the obstacle; 0 if a solid's normal has no part along the n axes."""
 
 
 class SolidObstacle:
-    """A solid of a scene with n axes. What was asked last is kept: several metrics ask for the same positions."""
+    """A solid of a scene with n axes. It keeps its last results, as several metrics need the same positions."""
 
     def __init__(self, solid: Solid) -> None:
         self.stiffness: float = solid.stiffness
@@ -39,14 +39,14 @@ class SolidObstacle:
         self._depths = self._normals = np.empty(0)
 
     def depths(self, positions: Array) -> Array:
-        self._ask(positions)
+        self._compute(positions)
         return self._depths
 
     def normals(self, positions: Array) -> Array:
-        self._ask(positions)
+        self._compute(positions)
         return self._normals
 
-    def _ask(self, positions: Array) -> None:
+    def _compute(self, positions: Array) -> None:
         if positions is self._positions:
             return
         found = [self._shape.near(padded(place)) for place in positions.tolist()]
@@ -58,18 +58,18 @@ class SolidObstacle:
 
 
 def obstacles(world: World) -> tuple[WallOrSolid, ...] | None:
-    """Those of `world`; None: they are not known, as those of a force or of another engine."""
+    """The obstacles of `world`; None: they are not known, as in a force field or another engine."""
     contacts = world.contacts
     if isinstance(contacts, RigidContacts):
         return tuple([SolidObstacle(solid) for solid in contacts.solids])
-    if isinstance(contacts, ToolContacts):  # where it is in one depends on more than its point
+    if isinstance(contacts, ToolContacts):  # the depth of a tool depends on more than its point
         return None if contacts.solids else ()
     return tuple(world.walls) if world.walls or isinstance(contacts, Contacts) else None
 
 
 def rubs(world: World) -> bool:
-    """Whether any solid of `world` has friction, or touches a tool that turns. Then no spring alone says what force it
-    would have at a place.
+    """Whether any solid of `world` has friction, or touches a tool that turns. Then the force at a place does not
+    follow from a spring alone.
     """
     contacts = world.contacts
     if isinstance(contacts, ToolContacts):
@@ -78,7 +78,7 @@ def rubs(world: World) -> bool:
 
 
 def normal_where_deepest(obstacle: WallOrSolid, positions: Array) -> Vector:
-    """The normal (n,) at the sample that is deepest inside: a wall's is the same everywhere."""
+    """The normal (n,) at the deepest sample; a wall's normal is the same everywhere."""
     if isinstance(obstacle, Wall):
         return obstacle.normal
     return tuple(obstacle.normals(positions)[int(np.argmax(obstacle.depths(positions)))].tolist())
@@ -92,13 +92,13 @@ def environment_force(
 ) -> Array:
     """Force of the true environment on a device at `position` (N, n) [m]: (N, n) [N].
 
-    It is what a local, ideal rendering without delay would give there at rest: each wall pushes the device out along
-    its normal, with the stiffness of the springs and the wall in series, and free space does nothing. So it is the same
-    environment for all couplings (the "transparency" of D. A. Lawrence 1993 is that its force is felt), while drag, lag
-    and softness of a coupling all count as its error.
+    It is the force of a local, ideal rendering without delay at rest: each wall pushes the device out along its normal,
+    with the stiffness of the springs and the wall in series, and free space gives no force. So the environment is the
+    same for all couplings (the "transparency" of D. A. Lawrence 1993 is that its force is felt), and drag, lag and
+    softness of a coupling all count as its error.
 
-    times : of the positions [s]. walls : those that stand at such a time. stiffness : of a wall in series with the
-        springs [N/m].
+    times : of the positions [s]. walls : returns the walls at a time. stiffness : returns the stiffness of a wall in
+        series with the springs [N/m].
     """
     pieces = []
     first = 0
@@ -109,7 +109,7 @@ def environment_force(
 
 
 def standing_force(position: Array, walls: Iterable[WallOrSolid], stiffness: Callable[[WallOrSolid], float]) -> Array:
-    """As `environment_force`, of walls that do not change."""
+    """As `environment_force`, for walls that do not change."""
     force = np.zeros_like(position)
     for wall in walls:
         depth = np.maximum(wall.depths(position), 0.0)

@@ -1,4 +1,4 @@
-"""The energy that came out of the ports in a simulated run, and whether the coupling kept its claim."""
+"""Metrics of the energy that came out of the ports, and of whether the coupling kept its claim to be passive."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hapnet.summary.verdict import broken
 @metric("two-port margin", "J", "higher", over="extreme over every tick and step")
 def margin_J(run: Measured) -> float | None:
     """Least value over time of d² plus the energy that hand and virtual world have put in at their ports. d² is the
-    energy at the start with PSPM's reservoirs; every coupling is measured with the same d², though others start with
-    nothing. Below 0: not passive."""
+    energy at the start with PSPM's reservoirs; every coupling is measured with the same d², although others start
+    without energy. Below 0: not passive."""
     return _bound_J(run) + run.result.hand.lowest
 
 
@@ -47,30 +47,30 @@ def hand_margin_J(run: Measured) -> float | None:
 
 @metric("energy out at the hand", "J", "lower", over="extreme over every tick")
 def hand_energy_out_J(run: Measured) -> float | None:
-    """Greatest energy over time that came out at the hand's port alone. A hand that is pushed back by a spring gets
-    none that it has not put in before."""
+    """Greatest energy over time that came out at the hand's port alone. A hand that a passive spring pushes back gets
+    only energy that it has put in before."""
     return max(0.0, -run.result.hand.device_lowest)
 
 
 @metric("energy out at the world", "J", "lower", over="extreme over the recorded steps")
 def world_energy_out_J(run: Measured) -> float | None:
-    """Greatest energy over time that came out at the virtual world's port alone, into its walls and bodies: what their
-    damping takes. Where both ports together gave out more than d² and the hand's gave out nothing, this is where the
-    energy went."""
+    """Greatest energy over time that came out at the virtual world's port alone, into the damping of its walls and
+    bodies. If both ports together gave out more than d² and the hand's port gave out nothing, the energy went this
+    way."""
     bound = run.sides[1]["ledger"]["bound_J"]
     return None if run.world is None or bound is None else energy_out(run.world, bound)
 
 
 @metric("two-port margin at the actuator", "J", "higher", over="extreme over every tick and step")
 def actuator_margin_J(run: Measured) -> float | None:
-    """As the two-port margin, but with the actuator's port as the device's port, so without the help of the device's
-    own damping. Sampled servos only."""
+    """As the two-port margin, but at the actuator's port instead of the device's, so without the device's own damping.
+    Sampled servos only."""
     return run.summary["theorem"]["margin_J"] if run.params.device.servo == "sampled" else None
 
 
 @metric("claim kept", "", "higher", over="the whole run")
 def claim_kept(run: Measured) -> float | None:
-    """0: the coupling claims to be passive on this link, and was not. 1: it was, or it claims nothing here."""
+    """0: the coupling claims to be passive on this link, and was not. 1: it was, or it makes no claim here."""
     spec = registry.coupling(run.params.coupling)
     return float(not broken(run.summary, run.params, virtual=True, spec=spec))
 
@@ -93,14 +93,14 @@ def world_reservoir_min_J(run: Measured) -> float | None:
 
 @metric("device's reservoir, min", "J", "higher", over="extreme over every tick")
 def device_reservoir_min_J(run: Measured) -> float | None:
-    """The same at the device's side."""
+    """Minimum content of the reservoir at the device's side."""
     return run.sides[0]["reservoir_min_J"]
 
 
 def energy_out(world: Columns, bound_J: float) -> float:
     """The most energy over time that came out at the world's port [J], 0 at least.
 
-    The port's work is what is left of the side's account without what was shuffled. `bound_J` : its share of d^2.
+    The port's work is the side's account without the shuffled energy. `bound_J` : the side's share of d^2.
     """
     work = world["margin_J"] - bound_J - world["credited_J"] + world["sent_J"]
     return max(0.0, -float(work.min()))

@@ -1,4 +1,4 @@
-"""How many messages a simulated run needs."""
+"""Metrics of the number of messages in a simulated run."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def packets_per_s(run: Measured) -> float | None:
 
 @metric("packets up", "1/s", "lower", over="duration")
 def packets_up_per_s(run: Measured) -> float | None:
-    """Of these, from the device."""
+    """Messages of all kinds per second from the device."""
     return _per_s(run, 0)
 
 
 @metric("packets down", "1/s", "lower", over="duration")
 def packets_down_per_s(run: Measured) -> float | None:
-    """Of these, from the virtual world."""
+    """Messages of all kinds per second from the virtual world."""
     return _per_s(run, 1)
 
 

@@ -1,4 +1,4 @@
-"""A tool that turns: the angle between device and proxy, the torque on the device. Other runs have none of these."""
+"""Metrics of a tool that turns, without a value in other runs: the angle between device and proxy, and the torque."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def free_rms_deg(run: Measured) -> float | None:
 
 @metric("angle between, contact", "°", "lower", over="time with the proxy touching a solid")
 def contact_rms_deg(run: Measured) -> float | None:
-    """That angle while the proxy touches a solid."""
+    """Root mean square of the angle between device and proxy at the same time, while the proxy touches a solid."""
     return scaled(run.summary["motion"]["contact_rms_rad"], math.degrees(1.0))
 
 
@@ -36,8 +36,8 @@ def torque_step_Nm(run: Measured) -> float | None:
 
 @metric("torque error", "%", "lower", over="time in which both runs have begun")
 def torque_error_percent(run: Measured) -> float | None:
-    """As the force error: root mean square of the difference between the torque on the device and that in the same run
-    over an ideal link, in % of the ideal run's peak torque."""
+    """As the force error: root mean square of the difference between the torque on the device and the torque in the
+    same run over an ideal link, in % of the ideal run's peak torque."""
     ideal = _turning(run.ideal)
     found = None if run.turning is None or ideal is None else force_error(run.turning, ideal)
     return None if found is None else found[1]
@@ -45,8 +45,8 @@ def torque_error_percent(run: Measured) -> float | None:
 
 @metric("true torque error", "%", "lower", over="time")
 def true_torque_error_percent(run: Measured) -> float | None:
-    """As the true force error: from the torque at the same time in the same run over an ideal link, with a world that
-    steps at 1 kHz; in % of its peak."""
+    """As the true force error: root mean square of the difference from the torque at the same time in the same run
+    over an ideal link, with a world that steps at 1 kHz; in % of its peak."""
     local = _turning(run.local)
     if run.turning is None or run.turning.device is None or local is None:
         return None

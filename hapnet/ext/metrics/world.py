@@ -1,4 +1,4 @@
-"""Metrics of the hand's contact in the virtual world: how true its force is, how often it chatters, the modulation."""
+"""Metrics of the proxy's contact in the virtual world: the error of its force, chatter, and modulation."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MODULATED_M = 1e-9
 
 @metric("contact force error in the world", "%", "lower", over="time of the world's steps")
 def world_force_error_percent(run: Measured) -> float | None:
-    """Root mean square over time of the difference between the walls' force on the proxy and the force that they would
-    have at rest with the device where it is in the middle of that step, through the spring between device and proxy and
-    the wall in series; in % of that force's peak."""
+    """Root mean square over time of the difference between the walls' force on the proxy and their force at rest with
+    the device at its place in the middle of that step, through the spring between device and proxy and the wall in
+    series; in % of the peak of the force at rest."""
     return contact_force_error(run.recording, run.proxy_force)
 
 
@@ -27,7 +27,7 @@ def contacts_ratio(run: Measured) -> float | None:
     """Visits of the proxy to a wall in the world, at its steps, per visit of the device, at each tick of the servo;
     neither is debounced. Above 1 the proxy chatters, and each impact costs energy."""
     if run.inside is None or run.world is None or not (by_hand := visits(run.inside)):
-        return None  # if a proxy's penetration is not known, its walls are not either
+        return None  # if a proxy's penetration is not known, the walls are not known either
     return visits(run.world["penetration_m"] > 0.0) / by_hand
 
 
@@ -41,24 +41,24 @@ def modulated_percent(run: Measured) -> float | None:
 
 @metric("modulated at the device", "%", "lower", over="the device's updates")
 def modulated_device_percent(run: Measured) -> float | None:
-    """The same share at the device, as the run's summary counts it (modulated_share)"""
+    """The share of the device's updates that were modulated, as counted in the run's summary (modulated_share)"""
     return scaled(run.sides[0]["modulated_share"], 100.0)
 
 
 def visits(inside: Mask) -> int:
-    """How often a wall was visited, including a visit that had begun before the first sample. (N,) in a wall or not."""
+    """The number of visits to a wall, with one that began before the first sample. inside : (N,) True in a wall."""
     return int(inside[0]) + int(np.count_nonzero(inside[1:] & ~inside[:-1])) if len(inside) else 0
 
 
 def contact_force_error(recording: Recording, true_force: Callable[[Array, Array], Array | None]) -> float | None:
-    """Rms over time of the walls' force on the proxy less the true one, in % of the latter's peak.
+    """Rms over time of the walls' force on the proxy minus the true force, in % of the true force's peak.
 
-    The force of a step acts during it, so it is compared with the true force where the device was in the middle of that
-    step; nothing is shifted. None if the two sides are not on one clock, or if the true force is always zero or not
-    known.
+    The force of a step acts during the step, so it is compared with the true force at the device's place in the middle
+    of that step; nothing is shifted. None if the two sides are not on one clock, or if the true force is always zero
+    or not known.
 
-    true_force : (N, n) [N] of positions (N, n) [m] and their times (N,) since the recording's origin [s]; None: it is
-        not known.
+    true_force : returns the force (N, n) [N] for positions (N, n) [m] and their times (N,) since the recording's origin
+        [s]; None: it is not known.
     """
     device, world = recording.device, recording.world
     if device is None or world is None or not recording.meta.get("aligned", True):
@@ -78,6 +78,6 @@ def contact_force_error(recording: Recording, true_force: Callable[[Array, Array
 
 
 def modulated_share(world: Columns) -> float:
-    """The share of the world's updates whose set-position in use is not the wanted one."""
+    """The share of the world's updates whose set-position in use differs from the wanted set-position."""
     apart = np.linalg.norm(world["set_position_m"] - world["target_m"], axis=1)
     return float(np.mean(apart > _MODULATED_M))

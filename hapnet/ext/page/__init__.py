@@ -1,1 +1,1 @@
-"""The live page: what a running pair does, in a browser. It reads telemetry, and changes things by `Controls`."""
+"""The live page: shows a running pair in a browser, from its telemetry, and changes its settings by `Controls`."""

@@ -1,4 +1,4 @@
-"""The requests of the page's users, one by one: off viser's event loop, as they may block, and answered on it."""
+"""Runs the requests of the page's users one by one, on threads, as they may block viser's event loop."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from netem import NetemError
 
 
 class Actions:
-    """One at a time, in the order in which they were asked for. All methods are for viser's event loop."""
+    """Runs one action at a time, in the order of the requests. All methods are for viser's event loop."""
 
     def __init__(self) -> None:
         self._one_at_a_time = asyncio.Lock()
@@ -25,12 +25,12 @@ class Actions:
         act: Callable[[], object],
         client: viser.ClientHandle | None,
         *,
-        refused: str = "This did not work",
+        refused: str = "This failed",
         done: Callable[[bool], object] = lambda worked: None,
     ) -> None:
-        """Call `act` on a thread when its turn comes; if it raises, `client` is shown the line under `refused`.
+        """Call `act` on a thread when its turn comes; if it raises, show `client` the error under the title `refused`.
 
-        done : called on the loop afterwards, with whether it worked.
+        done : called on the loop afterwards, with True if `act` succeeded.
         """
         self._start(self._run(act, client, refused, done))
 
@@ -49,7 +49,7 @@ class Actions:
         async with self._one_at_a_time:
             try:
                 await asyncio.to_thread(act)
-            except Exception as error:  # a scene or a law of the user's own may raise anything
+            except Exception as error:  # a user's own scene or law may raise anything
                 known = isinstance(error, HapnetError | NetemError)
                 show_notification(client, refused, str(error) if known else failure(error))
                 done(False)
@@ -58,6 +58,6 @@ class Actions:
 
 
 def show_notification(client: viser.ClientHandle | None, title: str, text: str) -> None:
-    """Show a notification on the page of the client that asked."""
+    """Show a notification on this client's page."""
     if client is not None:
         client.add_notification(title, text, color="red", auto_close_seconds=8.0)

@@ -1,4 +1,4 @@
-"""The picture of a world in the page's 3-D part: each surface is sent once, then only where its body is.
+"""The picture of a world in the page's 3-D part: each surface is sent once, then only the pose of its body.
 
 `HandleTool` draws the handle of a tool that turns at the device's pose, with its axes and its torque.
 """
@@ -18,7 +18,7 @@ from hapnet.recording.drawing import SceneSample
 
 
 class Bodies:
-    """Draws `parts`; `unit` is scene units per metre. name : what their nodes are called."""
+    """Draws `parts`; `unit` is scene units per metre. name : the beginning of their nodes' names."""
 
     def __init__(self, scene: viser.SceneApi, parts: Sequence[Part], unit: float, name: str = "body") -> None:
         self._unit = unit
@@ -44,7 +44,7 @@ class Bodies:
                 first += len(part.vertices)
 
     def update(self, scene: SceneSample) -> None:
-        """Move what has moved."""
+        """Move the bodies and soft parts to their present places."""
         self.move(scene.bodies())
         if self._soft:
             vertices = (self._unit * scene.vertices()).astype(np.float32)
@@ -53,7 +53,7 @@ class Bodies:
                     handle.vertices = vertices[rows]
 
     def move(self, poses: Array) -> None:
-        """The bodies that move are now at these poses (B, 7)."""
+        """Move the moving bodies to these poses (B, 7)."""
         for body, frame in self._frames.items():
             if body < len(poses):  # viser sends only what has changed by more than rounding
                 frame.position, frame.wxyz = poses[body, :3] * self._unit, poses[body, 3:]
@@ -69,7 +69,7 @@ _AXES, _THICK = 2.5, 0.05  # of the frame, in scene units
 
 
 class HandleTool:
-    """Draws those of `parts` whose body is where the proxy is; `unit` is scene units per metre."""
+    """Draws the `parts` of the body at the proxy's place; `unit` is scene units per metre."""
 
     def __init__(self, scene: viser.SceneApi, parts: Sequence[Part], unit: float) -> None:
         self._scene, self._parts, self._unit = scene, parts, unit
@@ -98,7 +98,7 @@ class HandleTool:
             self._label.position, self._label.text = middle + TORQUE_UNIT * torque, f"{size:.0f} mNm"
 
     def _add(self, proxy: Array, bodies: Array) -> None:
-        """Draw the body that is where the proxy (12,) [m] is; `bodies` (B, 7): their poses now."""
+        """Draw the body nearest to the proxy (12,) [m]; `bodies` (B, 7): their present poses."""
         tool = int(np.linalg.norm(bodies[:, :3] - proxy[:3], axis=1).argmin()) if len(bodies) else 0
         for number, part in enumerate(part for part in self._parts if part.body == tool):
             self._scene.add_mesh_simple(

@@ -1,7 +1,7 @@
-"""The choices of the page's switches: couplings, and worlds.
+"""The couplings and worlds that the page offers.
 
-Couplings are PSPM with each rendering, and every other one. Worlds are one of each kind, those of the examples where
-they are, and the run's own.
+Couplings: PSPM with each rendering, and every other coupling. Worlds: one of each kind, those of the examples if
+the directory exists, and the run's own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hapnet.installing import lacks
 from hapnet.laws import COUPLING_NAMES
 
 Choice = tuple[str, str]
-"""A coupling, and the rendering."""
+"""A coupling and a rendering."""
 
 CHOICES: Mapping[str, Choice] = MappingProxyType(
     {
@@ -27,7 +27,7 @@ CHOICES: Mapping[str, Choice] = MappingProxyType(
         **{name: (name, "auto") for name in COUPLING_NAMES if name not in (pspm.LAW.name, zoh.LAW.name)},
     }
 )
-"""What users read, and what it stands for."""
+"""The couplings by the label that users see."""
 
 _WORDS = {
     "hapnet": "PSPM, local contact model",
@@ -38,7 +38,7 @@ _WORDS = {
 
 
 def label_of(coupling: str, rendering: str) -> str:
-    """The choice that this coupling with this rendering is; a user's own coupling is its own label."""
+    """The label of this coupling with this rendering; the name itself for a user's own coupling."""
     spec = registry.known(coupling)
     if rendering == "auto" and spec is not None and spec.sends_planes:
         rendering = "hapnet"
@@ -46,7 +46,7 @@ def label_of(coupling: str, rendering: str) -> str:
 
 
 def words_of(label: str) -> str:
-    """The choice as text."""
+    """A few words that explain a label."""
     spec = registry.known(label)
     return _WORDS.get(label) or ("" if spec is None else spec.title)
 
@@ -54,20 +54,20 @@ def words_of(label: str) -> str:
 _EXAMPLES = Path(__file__).parents[3] / "examples"
 
 MESHES = (".stl", ".obj", ".ply")
-"""The files that may be given to the page: only meshes, as other models can name files of this machine."""
+"""The files that users may upload: only meshes, as other models can name files of this machine."""
 
 LARGEST_FILE = 32 * 1024 * 1024
-"""No such file is larger [bytes]."""
+"""A larger file is refused [bytes]."""
 
 
 _EXTRAS = {"mesh": "mesh", "dominoes": "mujoco"}
-"""The scenes that need an extra."""
+"""The scenes that need an extra, by label."""
 
 
 def needs(extra: str) -> str:
-    """A note beside a choice's name if the extra's libraries are not installed; empty: they are.
+    """A note for a label if the extra's libraries are not installed; empty if they are.
 
-    Choosing it gives the line that says how to install them.
+    If the user chooses such a scene, the error shows how to install them.
     """
     return f" (needs the extra {extra})" if lacks(extra) else ""
 
@@ -86,9 +86,9 @@ def _offered() -> dict[str, str]:
 
 
 SCENES: Mapping[str, str] = MappingProxyType(_offered())
-"""What users read, and the text for `--scene` that it stands for."""
+"""The worlds by the label that users see: the text for `--scene`."""
 
 
 def scene_label(text: str) -> str:
-    """The choice that this text is; another text is its own label."""
+    """The label of this text for `--scene`; the text itself if the page does not offer it."""
     return next((label for label, known in SCENES.items() if known == text), text)

@@ -1,7 +1,7 @@
 """The proxy's contacts in the page's 3-D part: points, friction cones, and the force in each cone.
 
-A cone has its tip at the contact and is as high as the normal force is long. So the force's arrow ends at its base:
-inside the rim while the contact sticks, on the rim while it slides.
+A cone has its tip at the contact, and its height is the length of the normal force. So the force's arrow ends at the
+cone's base: inside the rim while the contact sticks, on the rim while it slides.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ContactMarks:
         self._marks: list[_Marks] = []
 
     def update(self, touches: Sequence[Touch]) -> None:
-        """Show these, and no others."""
+        """Show these contacts, and hide all others."""
         while len(self._marks) < min(_MOST, len(touches)):
             self._marks.append(self._add(len(self._marks)))
         for marks, touch in zip(self._marks, touches, strict=False):

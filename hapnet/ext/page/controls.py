@@ -24,11 +24,11 @@ class Controls(Protocol):
     """The page's threads call these methods, perhaps several at once.
 
     `coupling`, `scene`, `mesh`, `smoothing` and `reset` start a new episode: the force goes to zero, the processes
-    restart where the hand is (in another world where that begins), with a fresh energy account, and for about a second
+    restart at the hand's place (another world at its own start), with a new energy account, and for about a second
     there is no telemetry. All methods but `lead` and `let_go` may block, and may raise HapnetError or
-    netem.NetemError: the page shows the line.
+    netem.NetemError, whose line the page shows.
 
-    fixed : why only the hand's own side can be changed here: `lead`, its link and `pause`. Empty: all can.
+    fixed : the reason why only `lead`, the link from the device and `pause` work here. Empty: all methods work.
     """
 
     fixed: str
@@ -37,19 +37,19 @@ class Controls(Protocol):
         """Lead the hand to `position`, (n,) [m]. Returns at once: a drag calls it some 20 times a second."""
 
     def let_go(self, why: str) -> None:
-        """Let the hand lead nothing for this reason; empty: it leads again. Returns at once."""
+        """Stop leading the hand, for this reason; empty: start again. Returns at once."""
 
     def link(self, direction: Direction, text: str) -> None:
-        """Change the emulated link of one direction; `words` are in tc-netem's syntax, "" for the ideal link."""
+        """Change the emulated link of one direction; `text` is in tc-netem's syntax, "" for the ideal link."""
 
     def coupling(self, name: str, rendering: str) -> None:
         """Couple the sides with this coupling and rendering."""
 
     def scene(self, label: str) -> None:
-        """Go to another world: one of `hapnet.ext.page.choices.SCENES`, or the run's own."""
+        """Change to another world: one of `hapnet.ext.page.choices.SCENES`, or the run's own."""
 
     def mesh(self, name: str, content: bytes) -> None:
-        """Go to a world that is this mesh, whose file was called `name`; its unit is the millimetre."""
+        """Change to a world with this mesh, from a file with this name, in millimetres."""
 
     def smoothing(self, seconds: float) -> None:
         """Set the time constant of the device's smoothing filter [s]; 0: no filter."""

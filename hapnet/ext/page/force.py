@@ -1,4 +1,4 @@
-"""The parts of the force on the hand, in numbers and as curves that stand on each other."""
+"""The parts of the force on the hand, as numbers and as stacked curves."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapnet.ext.page.history import Track
 from hapnet.mechanics.pose import torques
 
 STACK = ("contact model", "added damping", "rest of the spring", "damper")
-"""What adds up to the force, in the order of `stacked`."""
+"""The parts that add up to the force, in the order of `stacked`."""
 
 
 def force_of(track: Track) -> Array:

@@ -1,8 +1,8 @@
-"""Who may use the page: whoever knows its address, from the page itself, by a name of this machine.
+"""Guards the page: only requests with its address, from the page itself, by a name of this machine, are answered.
 
-The address ends in a token, which is another at each start. A browser says which page a request comes from (`Origin`)
-and which name it looked up (`Host`): a foreign page, or a name that somebody else's DNS points here, is refused even
-with the token. Each message from a page is checked (offered.py) before viser gets it.
+The address ends in a token, which is new at each start. A browser sends which page a request comes from (`Origin`)
+and which name it looked up (`Host`): a foreign page, or a foreign DNS name that points here, is refused even
+with the token. Each message from a page is checked (offered.py) before it is passed on to viser.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from websockets.typing import Subprotocol
 from hapnet.ext.page.offered import Offered
 
 LARGEST_MESSAGE = 1 << 20
-"""No message of a page is larger [bytes]; a file comes in parts of half of this."""
+"""A larger message from a page is refused [bytes]; a file comes in parts of half this size."""
 
 ANY_HOST = ("", "0.0.0.0", "::")
 
-_ADDRESS = "the page's address is the one that hapnet printed at its start, with all that stands behind the port"
+_ADDRESS = "open the whole address that hapnet printed at its start, with the part behind the port"
 
 
 class Gate:
-    """Stands between browsers and viser, on viser's event loop.
+    """Forwards permitted requests and messages between browsers and viser, on viser's event loop.
 
-    inner : gives a new connection to viser. token : the first part of each path. host : the address that is listened
-    on. version : of viser; a page of another is refused.
+    inner : opens a new connection to viser. token : the first part of each path. host : the address to listen
+    on. version : of viser; a page of another version is refused.
     """
 
     def __init__(self, inner: Callable[[], Awaitable[socket.socket]], token: str, host: str, version: str) -> None:
@@ -48,7 +48,7 @@ class Gate:
         self.refused: int = 0
 
     async def open(self, port: int) -> None:
-        """Listen. Raises OSError: it cannot."""
+        """Listen on this port. Raises OSError: this is not possible."""
         self._server = await serve(
             self._forward, self._host, port, process_request=self._answer, subprotocols=[self._subprotocol],
             compression=None, max_size=LARGEST_MESSAGE, server_header=None,
@@ -61,7 +61,7 @@ class Gate:
             await self._server.wait_closed()
 
     async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request; None: it is a permitted page that opens its WebSocket."""
+        """The answer to a request; None: a permitted page opens its WebSocket."""
         wants_socket = "websocket" in request.headers.get("Upgrade", "").lower()
         if problem := self._problem(request, wants_socket):
             self.refused += 1
@@ -69,7 +69,7 @@ class Gate:
         return None if wants_socket else await self._file(request)
 
     def _problem(self, request: Request, wants_socket: bool) -> str:
-        """Why this request is refused; empty: it is not."""
+        """The reason why this request is refused; empty: it is permitted."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not names_this_machine(hosts[0], self._host):
             return f"Host is {', '.join(hosts) or 'missing'}, which is no name of this machine"
@@ -79,7 +79,7 @@ class Gate:
         if not hmac.compare_digest("".join(given).encode(errors="replace"), self._token):
             return _ADDRESS
         if wants_socket and self._subprotocol not in request.headers.get("Sec-WebSocket-Protocol", ""):
-            return "this page is of another version: load it again"
+            return "this page is from another version of viser: reload it"
         return ""
 
     async def _file(self, request: Request) -> Response:
@@ -104,7 +104,7 @@ class Gate:
         return Response(status.value, status.phrase, headers, body)
 
     async def _forward(self, browser: ServerConnection) -> None:
-        """Pass on what viser sends, and what the page may send."""
+        """Forward all messages from viser, and the permitted messages from the page."""
         offered = Offered()
         async with connect(
             "ws://viser/", sock=await self._inner(), subprotocols=[self._subprotocol], compression=None, max_size=None,
@@ -142,10 +142,10 @@ def new_token() -> str:
 
 
 def names_this_machine(header: str, host: str) -> bool:
-    """Whether this `Host` header is an address, this machine's name, or the name that is listened on.
+    """Whether this `Host` header is an address, this machine's name, or the name of the listening address.
 
-    host : the address that is listened on. Where that is one of this machine only, an address from outside is refused
-    too. No name counts that somebody else's DNS could point here.
+    host : the listening address. If only this machine can reach it, outside addresses are refused too.
+    Names that a foreign DNS could point here are refused.
     """
     try:
         name = (urlsplit(f"//{header}").hostname or "").rstrip(".")
@@ -170,6 +170,6 @@ def is_local(host: str) -> bool:
 
 
 def is_same_origin(origin: str, host: str) -> bool:
-    """Whether this `Origin` is the page that was got from `host`. Also through a tunnel, or behind TLS."""
+    """Whether this `Origin` is the page that was loaded from `host`, also through a tunnel or behind TLS."""
     scheme, separator, where = origin.partition("://")
     return bool(separator) and scheme in ("http", "https") and where.lower() == host.lower()

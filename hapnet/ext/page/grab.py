@@ -1,4 +1,4 @@
-"""The ball that the mouse takes hold of: unseen, around the handle, and as large on every screen."""
+"""The invisible ball around the handle that the mouse grabs, equally large on every screen."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import viser
 from hapnet.checks import Array
 
 GRAB_PX = 34.0
-"""The handle is found by a press within this distance of its middle [pixels]."""
+"""A press within this distance of the handle's middle grabs it [pixels]."""
 
 _SHARE = 0.047
-"""And within this share of the window's height: screens of many pixels do not say how many they take for one."""
+"""A press within this share of the window's height grabs it too, as dense screens do not report their pixel ratio."""
 
 _LARGEST = 3.0
-"""No ball is larger [scene units], however small the window is."""
+"""The largest radius of the ball [scene units], however small the window is."""
 
 
 class Grab:
-    """A ball around the node `parent`, which calls `move` with where the mouse leads its middle [scene units].
+    """A ball around the node `parent`. A drag calls `move` with the new place of the ball's middle [scene units].
 
-    radius : of what is seen [scene units]; the ball is never smaller. place : gives the middle now. Made last of all in
-        a scene: then it hides nothing that can be seen through.
+    radius : of the visible handle [scene units]; the ball is never smaller. place : returns the present middle. Create
+        this last in a scene, so that it hides no transparent object.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Grab:
                 move(eye + stretch * (np.array(event.end_position) - eye) - held)
 
     def fit(self, cameras: Iterable[viser.CameraHandle]) -> None:
-        """Be large enough for each of these windows."""
+        """Make the ball large enough for each of these windows."""
         middle, radius = self._place(), self._radius
         for camera in cameras:
             away = float(np.linalg.norm(np.array(camera.position) - middle))

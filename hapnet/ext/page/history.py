@@ -1,4 +1,4 @@
-"""The page's knowledge of a running pair: the last seconds and the state of both sides."""
+"""The data that the page draws: the last seconds of a running pair, and the state of both sides."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MOST_EVENTS = 50
 MOST_EPISODES = 6
 
 PARTS = ("spring_force_N", "damper_force_N", "model_force_N", "added_damping_force_N")
-"""The fields of a `DeviceSample` that say what its force is made of, in the order of `Track.parts_N`."""
+"""The fields of a `DeviceSample` with the parts of its force, in the order of `Track.parts_N`."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Track:
 
     `time_s` (N,) ends at 0 or before: 0 is the newest sample of both sides if they share a clock, otherwise of this
     side. `force_N` (N, n) is the coupling's force on the device, or the walls' force on the proxy. `penetration_m` (N,)
-    is the proxy's, and NaN on the device's side. `parts_N` (N, 4, n) is what the device's force is made of: spring,
-    damper, and the spring's parts that the contact model and added damping make; NaN if it reports none.
-    Of the world there are no parts: (N, 0, n).
+    is the proxy's, and NaN on the device's side. `parts_N` (N, 4, n) are the parts of the device's force: spring,
+    damper, and the spring's parts from the contact model and from added damping; NaN if it reports no parts.
+    The world has no parts: (N, 0, n).
     """
 
     time_s: Array
@@ -65,12 +65,12 @@ class Episode:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A consistent copy of all that is known. What has not arrived yet is None.
+    """A consistent copy of the data of a pair. Fields whose data have not arrived yet are None.
 
-    `taken` counts all samples that came from either side, so that silence differs from rest. `summary` is that of the
-    pair so far, with its verdict; None: both sides have not reported their accounts, or the pair is being replaced.
-    `planes` are those that the device knows; None: it receives none. `past` are the pairs before this one, the newest
-    last. `parts` and `scene` are what the world looks like.
+    `taken` counts the samples from both sides, so that silence differs from rest. `summary` is the summary of the
+    pair so far, with its verdict; None: a side has not reported its account, or the pair is being replaced.
+    `planes` are the planes that the device has received; None: it receives none. `past` are the earlier pairs, the
+    newest last. `parts` and `scene` are the surfaces of the world and their present places.
     """
 
     device: Track | None
@@ -90,23 +90,23 @@ class Snapshot:
 
 _UNFINISHED: VerdictSummary = {
     "passive": None,
-    "reason": "it ended, and its sides did not report their accounts to the end",
+    "reason": "the pair ended without the final accounts of both sides",
 }
 
 
 class History:
     """Keeps the messages given to `take`; `snapshot` copies them for drawing.
 
-    A `Status` with a new incarnation means that its side has restarted: that side's past is forgotten. A sample is
-    dropped if it is older than the newest of its side, or has another number of axes.
+    A `Status` with a new incarnation means that its side has restarted: that side's past is deleted. A sample is
+    dropped if it is older than the newest sample of its side, or has another number of axes.
 
-    The verdict is that of the accounts which both sides report in their statuses, joined as at the end of a run. Who
-    runs the pair calls `leave` when it is about to end, and `end` with its final verdict; who plays a recording calls
-    `judge_by` with its summary.
+    The verdict is computed from the accounts in both sides' statuses, joined as at the end of a run. The code that
+    runs the pair calls `leave` when the pair is about to end, and `end` with its final verdict; the code that plays a
+    recording calls `judge_by` with the recording's summary.
 
-    seconds : how much of the past a snapshot shows. follows : nobody calls `end`, so that a pair ends when its sides
-    restart; its last accounts are then its verdict. joins : on one clock the margins of both ports are added at the
-    same time, which couplings need that are passive only jointly; False where the pair's own verdict has no such sum.
+    seconds : how much of the past a snapshot shows. follows : `end` is not called: a pair ends when its sides restart,
+    and its verdict is computed from its last accounts. joins : on one clock, add the margins of both ports at the same
+    time, for couplings that are passive only jointly; False if the pair's own verdict has no such sum.
     """
 
     def __init__(self, seconds: float = 10.0, *, follows: bool = True, joins: bool = True) -> None:
@@ -130,7 +130,7 @@ class History:
         self._taken = 0
 
     def take(self, message: Telemetry) -> None:
-        """Take a message, from any thread."""
+        """Add a message, from any thread."""
         with self._lock:
             if isinstance(message, DeviceSample):
                 unknown = (math.nan,) * len(message.position_m)
@@ -177,12 +177,12 @@ class History:
             )
 
     def judge_by(self, summary: Summary) -> None:
-        """Show this summary's verdict, whatever the sides report."""
+        """Show this summary's verdict instead of one computed from the sides' accounts."""
         with self._lock:
             self._given = summary
 
     def leave(self) -> None:
-        """The present pair is about to end: nothing of its account is shown any more."""
+        """Note that the present pair is about to end, so that its account is no longer shown."""
         with self._lock:
             self._leave()
 
@@ -192,7 +192,7 @@ class History:
             return self._margins()
 
     def end(self, episode: Episode) -> None:
-        """Keep a pair that has ended, with its final verdict."""
+        """Add a pair that has ended, with its final verdict, to the past pairs."""
         with self._lock:
             self._past = [*self._past, episode][-MOST_EPISODES:]
 
@@ -216,7 +216,7 @@ class History:
         return self._joint.margins() if self._joins and _same_clock(*self._status.values()) else {}
 
     def _draw(self, drawing: Drawing) -> None:
-        """The same drawing comes again and again; it is unpacked once, so that a page sees that it is the same."""
+        """Unpack a drawing only if it has changed: the world sends it repeatedly, and a page compares by identity."""
         if self._drawing is None or self._drawing.data != drawing.data:
             self._parts = unpack(drawing.data)
         self._drawing = drawing
@@ -246,7 +246,7 @@ class History:
         self._outdated = True
 
     def _part_from(self, before: Status) -> None:
-        """A side of the present pair has restarted: without a final account of both only a broken bound is certain."""
+        """End the present pair, as a side has restarted: without both final accounts only a broken bound is certain."""
         if before.incarnation in self._left:
             return
         ended = self._present() if self._follows and self._given is None else None
@@ -296,7 +296,7 @@ class _Ring:
 
 
 def coupled(status: Status | None) -> tuple[str, str]:
-    """A side's coupling and rendering, as its status has them; what it does not have is empty."""
+    """A side's coupling and rendering from its status; "" if the status has none."""
     about = {} if status is None else status.about
     params = about.get("params")
     rendering = params.get("rendering", params.get("feel", "")) if isinstance(params, Mapping) else ""
@@ -304,14 +304,14 @@ def coupled(status: Status | None) -> tuple[str, str]:
 
 
 def units(snapshot: Snapshot) -> str:
-    """Of the axes, as `hapnet.units` has them."""
+    """The units of the axes, as defined in `hapnet.units`."""
     sides = [side for side in (snapshot.device_status, snapshot.world_status) if side is not None]
     track = snapshot.device or snapshot.world
     return text_in(sides[0].about, track.position_m.shape[1]) if sides and track is not None else METRES
 
 
 def of_point(snapshot: Snapshot) -> Snapshot:
-    """Of a tool that turns, its point alone: three axes. Any other snapshot as it is."""
+    """For a tool that turns: the snapshot of its point alone, with three axes. Any other snapshot is unchanged."""
     if units(snapshot) != POSE:
         return snapshot
     device, world = (None if track is None else _cut(track) for track in (snapshot.device, snapshot.world))

@@ -1,8 +1,8 @@
-"""Keeps viser off the network: its server has an event loop on which it listens nowhere.
+"""Keeps viser off the network: on this event loop its server opens no port.
 
-viser takes whoever connects to its port, and has no hook for a check. So its event loop is one of hapnet's, by the
-means that asyncio has for that: an event loop policy, while viser starts its thread. This loop keeps the server that it
-should listen with, and gives it only the gate's connections (gate.py). If viser starts without it, no page is served.
+viser accepts every client that connects to its port, and has no hook for a check. So hapnet supplies its event loop,
+by an event loop policy that is set while viser starts its thread. This loop keeps the server that viser creates, and
+passes it only the gate's connections (gate.py). If viser starts without this loop, no page is served.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Factory = Callable[[], asyncio.BaseProtocol]
 
 
 class InnerLoop(asyncio.SelectorEventLoop):
-    """Its first server listens nowhere; `connect` is the only way in.
+    """An event loop with a first server that opens no port; `connect` is the only way to reach it.
 
-    inner : makes the protocol of a connection to that server; None: there is no such server yet.
+    inner : makes the protocol of a connection to that server; None: no server has been created yet.
     """
 
     inner: Factory | None = None
@@ -33,7 +33,7 @@ class InnerLoop(asyncio.SelectorEventLoop):
         return _Nowhere(self)
 
     async def connect(self) -> socket.socket:
-        """The other end of a new connection to the first server."""
+        """Open a connection to the first server, and return the client's end."""
         assert self.inner is not None
         ours, its = socket.socketpair()
         ours.setblocking(False)
@@ -73,14 +73,14 @@ _one_at_a_time = threading.Lock()
 
 @contextmanager
 def inner_loops() -> Iterator[list[InnerLoop]]:
-    """While this is open, threads that did not exist before get an `InnerLoop` as their new loop; they are listed."""
-    made: list[InnerLoop] = []
+    """A context in which new threads get an `InnerLoop` as their new loop; gives the list of these loops."""
+    loops: list[InnerLoop] = []
     with _one_at_a_time, warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of policies, from Python 3.14 on
         known, before = set(threading.enumerate()), asyncio.get_event_loop_policy()
 
         class Policy(asyncio.AbstractEventLoopPolicy):
-            """The policy before, but for new loops of new threads."""
+            """The previous policy, except for new loops of new threads."""
 
             def get_event_loop(self) -> asyncio.AbstractEventLoop:
                 return before.get_event_loop()
@@ -91,8 +91,8 @@ def inner_loops() -> Iterator[list[InnerLoop]]:
             def new_event_loop(self) -> asyncio.AbstractEventLoop:
                 if threading.current_thread() in known:
                     return before.new_event_loop()
-                made.append(InnerLoop())
-                return made[-1]
+                loops.append(InnerLoop())
+                return loops[-1]
 
             def get_child_watcher(self) -> Any:
                 return before.get_child_watcher()
@@ -102,6 +102,6 @@ def inner_loops() -> Iterator[list[InnerLoop]]:
 
         asyncio.set_event_loop_policy(Policy())
         try:
-            yield made
+            yield loops
         finally:
             asyncio.set_event_loop_policy(before)

@@ -1,4 +1,4 @@
-"""The part of the page that changes an emulated link: a preset, sliders, text in tc-netem's syntax."""
+"""The form that changes an emulated link: a preset, sliders, and text in tc-netem's syntax."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from netem.effects import RandomLoss
 CUSTOM = "custom"
 
 TYPED_S = 0.15
-"""How long to wait for the last typed letters: they arrive up to 50 ms after the Enter that follows them [s]."""
+"""How long to wait for the last typed letters, which arrive up to 50 ms after the Enter key [s]."""
 
 SETTLED_S = 1.5
 """Within this time after a change both sides report the new link [s]."""
 
 
 class LinkForm:
-    """Preset, sliders and text of one link, or of both together, in the container that is open when this is made.
+    """Preset, sliders and text of one link, or of both, in the container that is open when this object is created.
 
-    actions : run what is asked for. directions : gives those that this form changes; called for each change.
+    actions : run the changes. directions : returns the directions that this form changes; called for each change.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class LinkForm:
         self._actions = actions
         self._running = 0
         self._profile = LinkProfile()
-        self._whole = True  # was all of the profile shown?
+        self._whole = True  # whether all of the profile was shown
         self._followed, self._changed_s = "", -SETTLED_S
         self.folder: viser.GuiFolderHandle = gui.add_folder(label)
         with self.folder:
@@ -55,7 +55,7 @@ class LinkForm:
             typed = gui.add_form(None)
             with typed:
                 self._words = gui.add_text(
-                    "words", "ideal", hint="the present link in tc-netem's syntax; Enter applies your change"
+                    "netem string", "ideal", hint="the present link in tc-netem's syntax; Enter applies your change"
                 )
         self._react(self._preset, self._by_preset)
         self._react(self._delay, lambda: _delayed(self._profile, self._delay.value))
@@ -69,9 +69,9 @@ class LinkForm:
             )
 
     def follow(self, text: str) -> None:
-        """Show the present link; text that this netem does not know is shown unchanged.
+        """Show the present link; text that this version of netem cannot parse is shown unchanged.
 
-        An older report does not undo a change that was made here, and a report does not overwrite what a user types.
+        An older report does not undo a change that was made here, and no report overwrites text that a user types.
         """
         if self._running or text == self._followed or time.monotonic() - self._changed_s < SETTLED_S:
             return
@@ -85,7 +85,7 @@ class LinkForm:
                 self._show(profile)
 
     def forget(self) -> None:
-        """Show the present link anew with the next `follow`."""
+        """Show the present link again at the next `follow`."""
         self._followed = ""
 
     def send(self, client: viser.ClientHandle | None) -> None:
@@ -95,11 +95,11 @@ class LinkForm:
     def _react(self, element: viser.GuiInputHandle[Any], wanted: Callable[[], LinkProfile]) -> None:
         @element.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # otherwise this page set it
+            if event.client is not None:  # otherwise this program set it
                 self._change(wanted, event.client)
 
     def _change(self, wanted: Callable[[], LinkProfile], client: viser.ClientHandle | None) -> None:
-        """Begin a change. Each applies what is shown when its turn comes."""
+        """Begin a change. It applies the values that are shown when its turn comes."""
         profile = self._profile
 
         def apply() -> None:

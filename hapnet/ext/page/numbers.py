@@ -1,4 +1,4 @@
-"""The page's numbers: the verdict, what was measured, what the force is made of, and present faults."""
+"""The page's numbers: the verdict, measured values, the parts of the force, and present faults."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from hapnet.units import POSE, within
 _VERDICTS = {True: ("passive", "#15803d"), False: ("NOT passive", "#dc2626"), None: ("not known", "#b45309")}
 _GREY = "#64748b"
 _SHORT = 20
-"""A value of fewer characters is in one line."""
+"""A value of fewer characters is not wrapped."""
 
 _CELL = "padding:0 8px 0 0;border:0;line-height:18px"
 
 
 class Numbers:
-    """The measured numbers, in a few lines, in the container that is open when this is made."""
+    """The measured numbers, in a few lines, in the container that is open when this object is created."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, (), 0), "waiting", (), False))
         self._turn = 0
 
     def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = (), *, fresh: bool = True) -> None:
-        """Show the snapshot, and be grey in the browser if no other follows.
+        """Show the snapshot; in the browser it turns grey if no other follows.
 
-        state : in a word or two, what the pair does. troubles : what is wrong with it now. fresh : it comes from the
-        last second; otherwise all is grey.
+        state : of the pair, in a word or two. troubles : a line for each present fault. fresh : the snapshot is from
+        the last second; otherwise all numbers are grey.
         """
         self._turn = 1 - self._turn
         self._html.content = _table(snapshot, state, troubles, fresh, self._turn)
@@ -67,8 +67,8 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool,
         ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
         ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
         ("margin now", f"{_number(_margin(summary, 'margin_end_J'), 1)} mJ"),
-        ("min so far", f"{_number(_margin(summary, 'margin_J'), 1)} mJ"),
-        ("min after 1 s", f"{_number(_margin(summary, 'margin_later_J'), 1)} mJ"),
+        ("lowest margin", f"{_number(_margin(summary, 'margin_J'), 1)} mJ"),
+        ("lowest after 1 s", f"{_number(_margin(summary, 'margin_later_J'), 1)} mJ"),
     ]
     if without_s := _without_force(summary):
         rows.append(("without force so far", f"{without_s:.1f} s"))
@@ -77,7 +77,7 @@ def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool,
         force.append(("torque on the hand", torque_now(snapshot.device)))
         if snapshot.world is not None:
             angle = angle_between(snapshot.device.position_m[-1], snapshot.world.position_m[-1])
-            rows.append(("turned apart", f"{math.degrees(angle):.1f}°"))
+            rows.append(("angle between", f"{math.degrees(angle):.1f}°"))
     if recording:
         rows.append(("recording", PurePath(recording).name))
     about = device.about if device is not None else world.about if world is not None else {}
@@ -144,7 +144,7 @@ def _lost(status: Status | None, direction: str) -> float | None:
 
 
 def _without_force(summary: Summary | None) -> float | None:
-    """For how long the device's servo rendered no force in all [s]."""
+    """The total time in which the device's servo rendered no force [s]."""
     part = None if summary is None else summary["device"]
     return None if part is None else part["servo"]["without_force_s"]
 
@@ -160,11 +160,11 @@ def _number(value: float | None, digits: int) -> str:
 
 
 SHOWN_S = 5.0
-"""How long a servo's absence is shown [s]."""
+"""How long a stall of the servo is shown [s]."""
 
 EMPTY_J = 1e-6
 EMPTY_S = 0.3
-"""A reservoir that held no more than `EMPTY_J` for so long is empty [s]: a moment without energy is normal."""
+"""A reservoir counts as empty after `EMPTY_S` [s] with at most `EMPTY_J` [J]: a moment without energy is normal."""
 
 _EMPTY = {
     "device": "the device's reservoir is empty: the handle's spring cannot follow the world",
@@ -173,17 +173,17 @@ _EMPTY = {
 
 
 class Troubles:
-    """Times `now_s` are those of the page."""
+    """Finds the faults to show beside the verdict. Times `now_s` are those of the page."""
 
     def __init__(self) -> None:
         self._last: Event | None = None
         self._seen_s = -SHOWN_S
 
     def now(self, snapshot: Snapshot, now_s: float) -> list[str]:
-        """A sentence for each trouble."""
-        away = next((event for event in reversed(snapshot.events) if event.kind == "overrun"), None)
-        if away is not None and away != self._last:
-            self._last, self._seen_s = away, now_s
+        """A sentence for each present fault."""
+        stall = next((event for event in reversed(snapshot.events) if event.kind == "overrun"), None)
+        if stall is not None and stall != self._last:
+            self._last, self._seen_s = stall, now_s
         found = []
         if self._last is not None and now_s - self._seen_s < SHOWN_S:
             found.append(f"{self._last.text}; this machine is too busy for its servo")

@@ -1,7 +1,7 @@
-"""Which messages a page may send: those of the controls that it was sent, with values that these controls offer.
+"""Checks the messages of a page: only controls that the page was sent, only values that these controls offer.
 
-The messages are viser's. What is not listed here (tunnels, renderings, the browser's storage, any property of a control
-but its value) is refused, and so is a message with a field too many, too few or of another type.
+The messages are viser's. All that is not listed here (tunnels, renderings, the browser's storage, any property of a
+control but its value) is refused, and so is a message with a field too many, a missing field, or a field of wrong type.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ Pixels = Annotated[int, msgspec.Meta(ge=0, le=1 << 16)]
 Identifier = Annotated[str, msgspec.Meta(max_length=100)]
 
 LONGEST_TEXT = 1000
-"""No text of a page is longer [characters]."""
+"""A longer text from a page is refused [characters]."""
 
 LARGEST_UPLOAD = 128 * 1024 * 1024
-"""No file is taken that is larger [bytes]. The page says what is wrong with smaller ones."""
+"""A larger file is refused here [bytes]. The page shows what is wrong with a smaller file."""
 
 
 class _PageMessage(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """A message from a page: its fields, no others, and nothing left out."""
+    """A message from a page, with exactly the fields of its class."""
 
 
 class Camera(_PageMessage, tag="ViewerCameraMessage"):
-    """Where a page looks from."""
+    """The camera of a page."""
 
     wxyz: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
     position: Point
@@ -54,13 +54,13 @@ class ControlValue(_PageMessage, tag="GuiUpdateMessage"):
 
 
 class Submit(_PageMessage, tag="GuiFormSubmitMessage"):
-    """Enter in a form."""
+    """The user has pressed Enter in a form."""
 
     uuid: Identifier
 
 
 class Dirty(_PageMessage, tag="GuiFormDirtyMessage"):
-    """Somebody types in a form."""
+    """The user types in a form."""
 
     uuid: Identifier
 
@@ -81,7 +81,7 @@ class Drag(_PageMessage, tag="SceneNodeDragMessage"):
 
 
 class Upload(_PageMessage, tag="FileTransferStartUpload"):
-    """A file begins."""
+    """The upload of a file begins."""
 
     source_component_uuid: Identifier
     transfer_uuid: Identifier
@@ -101,7 +101,7 @@ class FilePart(_PageMessage, tag="FileTransferPart"):
 
 
 class Offered:
-    """The offers that one page was sent, and so the requests that it may send."""
+    """The controls that one page was sent, which define the messages that it may send."""
 
     def __init__(self) -> None:
         self._controls: dict[str, tuple[str, dict[str, Any]]] = {}
@@ -111,7 +111,7 @@ class Offered:
         self._unpack = zstandard.ZstdDecompressor().decompress
 
     def learn(self, frame: bytes) -> None:
-        """Take note of what viser sends to the page: sizes, compressed messages, and then bare numbers."""
+        """Store the controls in a frame from viser to the page: sizes, compressed messages, and then bare numbers."""
         length, compressed = int.from_bytes(frame[:8], "little"), int.from_bytes(frame[8:16], "little")
         data = self._unpack(frame[16 : 16 + compressed], max_output_size=length)
         if b"Gui" not in data and b"DragBindings" not in data:
@@ -130,7 +130,7 @@ class Offered:
                 self._controls[uuid] = kind, dict(props)
 
     def checked(self, message: bytes | str) -> bytes | None:
-        """The message, written anew, for viser; None: it is refused."""
+        """The message, encoded again, for viser; None: it is refused."""
         if isinstance(message, str):
             return None
         try:
@@ -156,7 +156,7 @@ class Offered:
                 return self._continues(message)
 
     def _enabled(self, uuid: str) -> tuple[str, Mapping[str, Any]]:
-        """A control's kind and properties; no kind: the page was sent no such control, or one that cannot be used."""
+        """A control's kind and properties; the kind is "" if the page has no such control, or it is disabled."""
         kind, props = self._controls.get(uuid, ("", {}))
         return ("", {}) if props.get("disabled") or not props.get("visible", True) else (kind, props)
 
@@ -168,7 +168,7 @@ class Offered:
         return True
 
     def _continues(self, part: FilePart) -> bool:
-        """One file at a time, each of its parts once, and as many bytes as were said."""
+        """Whether this part belongs to the file: one file at a time, each part once, as many bytes as announced."""
         if self._upload is None:
             return False
         upload, lengths = self._upload
@@ -196,4 +196,4 @@ _VALUES: Mapping[str, Callable[[object, Mapping[str, Any]], bool]] = {
     "GuiSliderMessage": _is_within,
     "GuiTextMessage": lambda value, props: type(value) is str and len(value) <= LONGEST_TEXT,
 }
-"""Is this a value that a control of this kind, with these properties, offers?"""
+"""By kind of control: whether a control with these properties offers this value."""

@@ -28,19 +28,20 @@ SILENT_S = 0.7
 """The page reports a silence after this time without a sample [s]."""
 
 OLD_S = 1.0
-"""What is shown is grey if no sample came for longer [s]."""
+"""The numbers turn grey if no sample has arrived for longer than this time [s]."""
 
 PLOTTED_S = 10.0
 
 _WIDTHS, _NARROW = (290, 370), (250, 240)  # of the two panels [pixels]
-_NARROW_BELOW = 1100  # in windows of a smaller width the panels are narrow, or little is left for the scene [pixels]
+_NARROW_BELOW = 1100  # in a narrower window the panels are narrow, to leave space for the scene [pixels]
 
 
 @dataclass(slots=True)
 class _Last:
-    """The newest of a pair that the page has shown, and when it came [s].
+    """The newest data of a pair that the page has shown, and when they arrived [s].
 
-    taken, heard : samples by number; the picture of one may be made anew. statuses : of both sides.
+    taken : the number of samples that are drawn; -1: draw the last sample again. heard : the number that have arrived.
+    heard_s, status_s : when the last sample and the last change of a status arrived. statuses : of both sides.
     """
 
     taken: int = 0
@@ -53,8 +54,8 @@ class _Last:
 class Page:
     """The page's content. Times `now_s` are from one monotonic clock.
 
-    controls : what the page may change. None: it only watches; it has no buttons, and the handle cannot be dragged.
-    player : what plays a recording; None: what is shown happens now.
+    controls : receives the user's changes. None: the page only watches; it has no buttons, and no handle to drag.
+    player : plays a recording; None: the page shows a running pair.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class Page:
         self._history = history
         self._controls = controls
         self._scene: PageScene | None = None
-        self._drawn: tuple[int, Any, str, object, object] | None = None  # for which axes, walls, words, arm it was made
+        self._drawn: tuple[int, Any, str, object, object] | None = None  # axes, walls, label, words, arm of the scene
         self._parts: tuple[Part, ...] | None = None
         self._last = _Last()
         self._troubles = Troubles()
@@ -78,7 +79,7 @@ class Page:
         self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
         self._player = None if player is None else PlayerPanel(gui, player)
         self._numbers = Numbers(gui)
-        front = gui.add_button("from the front", icon=viser.Icon.EYE, color="gray", hint="turn the view back")
+        front = gui.add_button("reset view", icon=viser.Icon.EYE, color="gray", hint="look from the front again")
         with gui.add_folder("what am I looking at?", expand_by_default=False):
             gui.add_markdown(ABOUT)
         gui.main_panel.dock_left()
@@ -109,7 +110,7 @@ class Page:
                 self._scene.look(event.client.camera)
 
     async def _fit(self, client: viser.ClientHandle) -> None:
-        """Leave the scene most of this client's window: in a narrow one the plots fold, and a click opens them."""
+        """Fit the panels to this client's window. In a narrow window the plots are folded, and a click opens them."""
         self._plots.fit(client.camera.image_height)
         narrow = client.camera.image_width < _NARROW_BELOW
         main, plots = _NARROW if narrow else _WIDTHS
@@ -121,7 +122,7 @@ class Page:
             self._plots_panel.expand()
 
     def draw(self, now_s: float, *, rest: bool) -> None:
-        """Draw the 3-D part, and the rest if that is due, and send it; to be called some 60 times a second."""
+        """Draw the 3-D part and, if `rest`, the other parts, and send them; to be called some 60 times a second."""
 
         def drawn() -> None:
             self.draw_scene(now_s)
@@ -160,7 +161,7 @@ class Page:
         self._plots.update(snapshot, [] if _moves(snapshot) else self._surfaces(snapshot))
 
     def _drop_scene(self) -> None:
-        """Make the scene anew with the next picture: it may have been drawn in part."""
+        """Create the scene again at the next drawing, as it may have been drawn in part."""
         self._drawn, self._last.taken = None, -1
 
     def _draw_scene(self, now_s: float) -> None:
@@ -169,12 +170,12 @@ class Page:
         if snapshot.taken == last.taken:
             return
         last.taken = snapshot.taken
-        if snapshot.taken != last.heard:  # otherwise only the picture is made anew
+        if snapshot.taken != last.heard:  # otherwise the same sample is drawn again
             last.heard, last.heard_s = snapshot.taken, now_s
         if (track := snapshot.device or snapshot.world) is None:
             return
         words = None if snapshot.parts or _drawing_comes(snapshot) else _scene_name(snapshot)
-        wall_name = "wall at the start" if _moves(snapshot) else "wall"  # where one that moves is drawn
+        wall_name = "wall at the start" if _moves(snapshot) else "wall"  # a moving wall is drawn at its start
         described = {} if snapshot.device_status is None else snapshot.device_status.about
         wanted = track.position_m.shape[1], self._surfaces(snapshot), wall_name, words, described.get("arm")
         if self._scene is None or self._drawn != wanted or self._parts is not snapshot.parts:
@@ -198,7 +199,7 @@ class Page:
         if any(status.paused for status in statuses):
             return "paused"
         if silent:
-            return "no telemetry" if snapshot.taken else "waiting for telemetry ..."
+            return "no telemetry" if snapshot.taken else "connecting ..."
         if not all(status.paired for status in statuses):
             return "not paired"
         return "recording" if any(status.recording for status in statuses) else "running"
@@ -207,7 +208,7 @@ class Page:
         self._starting_from = _incarnations(self._history.snapshot()) if begins else None
 
     def _lead(self, position: Vector | None) -> None:
-        """Lead the hand to `position`; None: to the origin."""
+        """Lead the hand to `position`; None: to the start."""
         target = self._origin if position is None else position
         if self._controls is not None and self._scene is not None and target:
             self._controls.lead(target)
@@ -224,13 +225,13 @@ def _scene_name(snapshot: Snapshot) -> object:
 
 
 def _drawing_comes(snapshot: Snapshot) -> bool:
-    """Whether the world will send its picture. Older ones do not."""
+    """Whether the world will send its parts. Older versions of hapnet do not send them."""
     begins = snapshot.world_status is not None and snapshot.world is None
     return snapshot.parts is None and (begins or snapshot.scene is not None)
 
 
 def _moves(snapshot: Snapshot) -> bool:
-    """Whether the scene's wall moves. Where it is now is not known here."""
+    """Whether the scene's wall moves. The page does not receive its present place."""
     return _scene_name(snapshot) == "moving"
 
 
@@ -244,7 +245,7 @@ RETRY_S = 0.25
 
 
 class PagePainter:
-    """Draws the parts of a page, each on its own: one that fails is tried again, and the others are drawn meanwhile.
+    """Draws each part of a page by itself: a part that fails is tried again, and the others are drawn meanwhile.
 
     Times `now_s` are those of the page.
     """
@@ -255,12 +256,12 @@ class PagePainter:
     def run(
         self, name: str, draw: Callable[[], object], now_s: float, again: Callable[[], object] = lambda: None
     ) -> None:
-        """Draw this part, unless it has just failed. again : called when it fails, so that all of it is drawn next."""
+        """Draw this part, unless it has just failed. again : called at a failure; prepares a full drawing."""
         if name in self._failed and now_s < self._failed[name][1]:
             return
         try:
             draw()
-        except Exception as error:  # of viser, or of a picture that somebody else made: the page must go on
+        except Exception as error:  # of viser, or of a user's own scene: the page must continue
             self._failed[name] = failure(error), now_s + RETRY_S
             again()
         else:
@@ -272,9 +273,9 @@ class PagePainter:
 
 
 STYLE = """<style>
-/* viser shows the scene at 5 % until the picture that lights it has come */
+/* viser shows the scene at 5 % until the image that lights it has arrived */
 canvas { opacity: 1 !important; }
-/* grey in a second, unless it is drawn anew: each drawing has the other name, with which the time begins again */
+/* grey after a second without a drawing: two names alternate, as a change of the name restarts the animation */
 @keyframes hapnet-old-0 { to { filter: grayscale(1) opacity(0.5); } }
 @keyframes hapnet-old-1 { to { filter: grayscale(1) opacity(0.5); } }
 .hapnet-drawn-0 { animation: hapnet-old-0 1ms linear 1s forwards; }
@@ -287,4 +288,4 @@ canvas { opacity: 1 !important; }
   div[style*="z-index: 0; width: 100%; height: 100%"] { height: 56% !important; }
 }
 </style>"""
-"""The selectors name inline styles of viser 1.1; where another version has others, nothing is lost but this."""
+"""The selectors match inline styles of viser 1.1; with another version only the layout on telephones may be lost."""

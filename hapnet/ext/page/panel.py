@@ -1,4 +1,4 @@
-"""The page's buttons and switches: what a user may change."""
+"""The page's buttons and switches, with which a user changes a pair."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
 
 ABOUT = """
-A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. They
-send each other their positions over a network, and a spring on each side pulls them together. The **arrow** is the
-force that the hand feels. The proxy stops at the wall; the handle goes on, and is pushed back.
+A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. The
+two sides send each other their positions over a network, and a spring on each side pulls them together. The **arrow**
+is the force on the hand. If you push into the wall, the proxy stops at the surface, and the spring pushes you back.
 
-Late positions make such springs put energy into the hand: it shakes. **PSPM** watches the energy on both sides and
-moves a spring's end (the small dark ball) only as far as its reservoir can pay. So the *margin*, what is left of the
-energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad link to
-see the spring alone, and `paper` to see PSPM alone.
+With late positions such springs put energy into the hand: it shakes. **PSPM** limits the energy on both sides: it
+moves a spring's end (the small dark ball) only as far as the energy in its reservoir allows. So the *margin*, the rest
+of the energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad
+link to see the spring alone, and `paper` to see PSPM alone.
 
-With `hapnet`, the world also sends the device the planes near the proxy: its **local contact model** (faint
-blue). So the handle feels the wall at once, and moves freely, whatever the delay; and since PSPM pays for it, a model
-that is wrong creates no energy.
+With `hapnet`, the device has a **local contact model**: the planes near the proxy, which the world sends (faint
+blue). So the wall is felt at once, and the handle moves freely, whatever the delay. As PSPM still limits the energy,
+a wrong model creates no energy.
 """
 
 SWITCH_HINT = (
-    "The force goes to zero, then another pair starts where the handle is, with fresh energy and a verdict of its own. "
-    "In a wall, some couplings then stay softer: lead the hand home first to compare."
+    "The force goes to zero, then another pair starts at the handle's place, with new energy and its own verdict. "
+    "Some couplings feel softer if they start inside a wall: press 'release to start' before you compare."
 )
 
-SCENE_HINT = "Another pair starts in this world, with the handle at its beginning."
+SCENE_HINT = "Another pair starts in this world, with the handle at its starting place."
 
-FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at its origin" + needs("mesh")
+FILE_HINT = "STL, OBJ or PLY, in millimetres; the handle begins at the file's origin" + needs("mesh")
 
 
 class ControlPanel:
-    """Coupling, scene and link; then buttons. In the container that is open when this is made.
+    """Coupling, scene and link, then buttons, in the container that is open when this object is created.
 
     lead : leads the hand, as a drag does.
     starting : called with True when a new episode is about to start, and with False if it does not start.
@@ -72,7 +72,7 @@ class ControlPanel:
         if fixed:
             gui.add_html(f'<div class="hapnet-fixed" style="padding:0 12px;font-size:12px;opacity:.8">{fixed}</div>')
         file = gui.add_upload_button(
-            "a mesh of yours ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
+            "load a mesh ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
         )
         self._up = LinkForm(
             gui, "link, device to world" if fixed else "link, both directions", controls, self._actions,
@@ -83,7 +83,7 @@ class ControlPanel:
         with self._up.folder:
             self._alike = gui.add_checkbox("both directions alike", not fixed, visible=not fixed)
         self._pause = gui.add_button("pause", icon=viser.Icon.PLAYER_PAUSE)
-        home = gui.add_button("hand home", icon=viser.Icon.HOME, color="gray", hint="lead the hand back to the middle")
+        home = gui.add_button("release to start", icon=viser.Icon.HOME, color="gray", hint="lead the hand to its start")
         with gui.add_folder("more"):
             reset = gui.add_button("reset", icon=viser.Icon.RELOAD, color="gray", visible=not fixed)
             self._record = gui.add_button("record", icon=viser.Icon.PLAYER_RECORD, color="red", visible=not fixed)
@@ -112,12 +112,12 @@ class ControlPanel:
                 self._up.send(event.client)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Show what the sides report; an older report does not undo what a user has just changed."""
+        """Show the settings that the sides report; an older report does not undo a change that a user has just made."""
         device, world = snapshot.device_status, snapshot.world_status
         if device is not None:
             if self._is_new("paused", (device.incarnation, device.paused)):
                 self._paused = device.paused
-                self._pause.label = "go on" if device.paused else "pause"
+                self._pause.label = "resume" if device.paused else "pause"
                 self._pause.icon = viser.Icon.PLAYER_PLAY if device.paused else viser.Icon.PLAYER_PAUSE
             if self._is_new("recording", (device.incarnation, device.recording)):
                 self._recording = bool(device.recording)
@@ -138,7 +138,7 @@ class ControlPanel:
             self._down.follow(down)
 
     def forget(self) -> None:
-        """Show all that the sides report anew with the next `update`: the one before was not shown in full."""
+        """Show all reported settings again at the next `update`, as the last `update` failed in part."""
         self._seen.clear()
         self._up.forget()
         self._down.forget()
@@ -151,7 +151,7 @@ class ControlPanel:
 
     def _show_choice(self, name: str, offered: viser.GuiDropdownHandle[str], side: Status, label: str) -> None:
         if label and self._is_new(name, (side.incarnation, label)):
-            if label not in offered.options:  # a user's own
+            if label not in offered.options:  # a user's own scene or coupling
                 offered.options = (*offered.options, label)
             put(offered, label)
 
@@ -195,7 +195,7 @@ class ControlPanel:
             self._do(act, anew, event.client)
 
     def _on_change(self, chosen: viser.GuiInputHandle[Any], act: Callable[[Any], None]) -> None:
-        """Call `act` with the value that a user chooses; if that fails, the one before stands again."""
+        """Call `act` with the value that a user chooses; if that fails, show the previous value again."""
         before = chosen.value
 
         @chosen.on_update
@@ -219,7 +219,7 @@ class ControlPanel:
         client: viser.ClientHandle | None,
         failed: Callable[[], None] = lambda: None,
     ) -> None:
-        """Begin an action; if it fails, the page says so, and `failed` is called."""
+        """Begin an action; if it fails, the page shows the error, and `failed` is called."""
 
         def done(worked: bool) -> None:
             if not worked:

@@ -1,4 +1,4 @@
-"""Plays a recording to the page as if it came now, at its own pace, again and again, from wherever it is asked to.
+"""Plays a recording to the page like live telemetry, at its own pace, repeatedly, from any point.
 
 `PlayerPanel` is the page's scrubber and its button.
 """
@@ -21,17 +21,17 @@ STATUS_NS = 500_000_000
 """Time between two statuses of each side [ns]."""
 
 REST_NS = 2_000_000_000
-"""At its end a recording stands still for this time, and then begins again [ns]."""
+"""At its end a recording pauses for this time, and then begins again [ns]."""
 
 
 class Playback:
-    """Gives what a recording holds to `take` when it is due: samples, events, and statuses made from its metadata.
+    """Passes a recording's data to `take` when they are due: samples, events, and statuses made from its metadata.
 
-    take : `History.take`. recording : of a run, or of one side of it. name : what the page calls it.
-    now_ns : when it begins, on the clock of `advance`.
+    take : `History.take`. recording : of a run, or of one side of it. name : the name that the page shows.
+    now_ns : the time of the start, on the clock of `advance`.
 
-    Every sample keeps its distance from the first. Each time it begins again, or goes elsewhere, both sides have a new
-    incarnation, and all samples up to there come at once: so the page's account is that of the time up to there.
+    Every sample keeps its time since the first sample. At each new beginning or jump both sides get a new incarnation,
+    and all samples up to that time are passed on at once: so the page's account covers all of the time before it.
     """
 
     def __init__(self, take: Callable[[Telemetry], None], recording: Recording, name: str, now_ns: int) -> None:
@@ -48,7 +48,7 @@ class Playback:
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last [s]."""
+        """The time from the first sample to the last [s]."""
         return self._length_ns * 1e-9
 
     @property
@@ -61,11 +61,11 @@ class Playback:
         return self._paused
 
     def pause(self, on: bool) -> None:
-        """Stand still, or go on; from any thread."""
+        """Pause or resume, from any thread."""
         self._paused = on
 
     def seek(self, seconds: float) -> None:
-        """Go there with the next `advance`, this long after the first sample; from any thread."""
+        """Jump, at the next `advance`, to this time after the first sample; from any thread."""
         self._asked_ns = min(max(round(seconds * 1e9), 0), self._length_ns)
 
     def _begin(self, at_ns: int, now_ns: int) -> None:
@@ -74,7 +74,7 @@ class Playback:
         self._rounds += 1
 
     def advance(self, now_ns: int) -> None:
-        """Give all that is due by now."""
+        """Pass on everything that is due by now."""
         asked_ns, self._asked_ns = self._asked_ns, None
         if asked_ns is not None:
             self._begin(asked_ns, now_ns)
@@ -114,7 +114,7 @@ HELD_S = 0.7
 
 
 class PlayerPanel:
-    """A scrubber and a button, in the container that is open when this is made."""
+    """A scrubber and a button, in the container that is open when this object is created."""
 
     def __init__(self, gui: viser.GuiApi, player: Playback) -> None:
         self._player = player
@@ -132,10 +132,10 @@ class PlayerPanel:
         @self._pause.on_click
         async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             player.pause(not player.paused)
-            self._pause.label = "go on" if player.paused else "pause"
+            self._pause.label = "resume" if player.paused else "pause"
             self._pause.icon = viser.Icon.PLAYER_PLAY if player.paused else viser.Icon.PLAYER_PAUSE
 
     def update(self) -> None:
-        """Show where it is."""
+        """Move the scrubber to the time that is shown now."""
         if time.monotonic() - self._changed_s > HELD_S:
             put(self._time, round(self._player.at_s / STEP_S) * STEP_S)

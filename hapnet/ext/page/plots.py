@@ -1,4 +1,4 @@
-"""The live plots: the force and what it is made of, both reservoirs, penetration, the passivity margin."""
+"""The live plots: the force and its parts, both reservoirs, penetration, the passivity margin."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POINTS = 300
 _BLUE, _ORANGE, _GREEN, _INK, _GREY = "#2563eb", "#ea580c", "#16a34a", "#0f172a", "#94a3b8"
 
 _MINIMUM = 1.0
-"""The axis always goes up to this [N, mJ, mm]: otherwise mere rounding errors would fill a plot."""
+"""Each axis goes at least up to this value [N, mJ, mm]: otherwise rounding errors would fill a plot."""
 
 _HEADING, _FRAME = 150, 42  # pixels: of the panel above the plots, of a plot around its curves
 
@@ -37,7 +37,7 @@ def _legend(*entries: tuple[str, str]) -> str:
 
 
 class Plots:
-    """Four plots of the last `seconds`, in the container that is open when this is made."""
+    """Four plots of the last `seconds`, in the container that is open when this object is created."""
 
     def __init__(self, gui: viser.GuiApi, seconds: float) -> None:
         self._seconds = seconds
@@ -58,7 +58,7 @@ class Plots:
             plot.height = min(max((pixels - _HEADING) // 4 - _FRAME, 80), 300)
 
     def update(self, snapshot: Snapshot, surfaces: Iterable[Mapping[str, Any]]) -> None:
-        """Draw `snapshot`; `surfaces` are the scene's flat walls, at rest: only in them is the handle's depth known."""
+        """Draw `snapshot`; `surfaces` are the scene's flat walls at rest, for which the handle's depth is known."""
         axes, snapshot = units(snapshot), of_point(snapshot)
         device, world = snapshot.device, snapshot.world
         self._force.title, self._depth.title = _FORCE.format(within(axes, "N")), _DEPTH.format(within(axes, "mm"))
@@ -67,7 +67,7 @@ class Plots:
         halves = [1e3 * _held(track, "margin_J", at) for track in (device, world)]
         both = halves[0] + halves[1]
         of_proxy = 1e3 * np.maximum(_held(world, "penetration_m", at), 0.0)
-        of_handle, walls = of_proxy, tuple(surfaces)  # if that is not known, the proxy's curve covers the handle's
+        of_handle, walls = of_proxy, tuple(surfaces)  # without walls the proxy's curve covers the handle's
         if device is not None and walls:
             of_handle = 1e3 * held(device.time_s, depth_of(device.position_m, walls), at)
         if device is not None:
@@ -104,16 +104,16 @@ def _held(track: Track | None, name: str, at: Array) -> Array:
 
 
 def held(times: Array, values: Array, at: Array) -> Array:
-    """`values` (N,) at the times `at`: each is held until the next, and the first holds before its time too.
+    """`values` (N,) at the times `at`: each value is held until the next, and the first also before its time.
 
-    So there is never a NaN: uPlot finds no range for a curve that begins with one.
+    So there is never a NaN: uPlot finds no range for a curve that begins with NaN.
     """
     index = np.searchsorted(times, at, side="right") - 1
     return np.asarray(values[np.maximum(index, 0)])
 
 
 def depth_of(position_m: Array, surfaces: Iterable[Mapping[str, Any]]) -> Array:
-    """How deep each of `position_m` (N, n) is in the deepest wall [m]; 0 outside all of them."""
+    """The depth of each of `position_m` (N, n) in the wall with the largest depth [m]; 0 outside all walls."""
     depth = np.zeros(len(position_m))
     for surface in surfaces:
         axis = int(surface["axis"])
@@ -123,9 +123,9 @@ def depth_of(position_m: Array, surfaces: Iterable[Mapping[str, Any]]) -> Array:
 
 
 def piled(parts: Array) -> list[Array]:
-    """The edges of areas that stand on each other, for `parts` (N, m): what is positive goes up from 0, the rest down.
+    """The edges of stacked areas for `parts` (N, m): positive values stack upwards from 0, negative values downwards.
 
-    The outermost comes first: each area is filled down to 0 and covered by those after it.
+    The outermost edge comes first: each area is filled down to 0 and covered by the areas after it.
     """
     up, down = np.cumsum(np.maximum(parts, 0.0), axis=1), np.cumsum(np.minimum(parts, 0.0), axis=1)
     return [*up.T[::-1], *down.T[::-1]]

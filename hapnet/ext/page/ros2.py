@@ -1,5 +1,5 @@
-"""A running pair on ROS 2's topics: what a watcher hears, as messages. They are those of an exported bag
-(hapnet/recording/rosbag.py), live and below the node's namespace.
+"""Publishes a running pair's telemetry on ROS 2 topics: the messages of an exported bag (hapnet/recording/rosbag.py),
+live and below the node's namespace.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _MOST = 1000
 
 
 class RosBridge:
-    """Takes telemetry on any thread, and publishes it as messages on the thread that calls `publish_next`.
+    """Receives telemetry on any thread, and publishes it as messages on the thread that calls `publish_next`.
 
     types : the classes of messages by their names. publish : called with topic, type and message. namespace : of the
-    topics. wall_ns : UTC [ns], for the stamps of events: when they were heard.
+    topics. wall_ns : UTC [ns], for the stamps of events: the time of their arrival.
 
     Attributes
     ----------
-    published : messages by topic. dropped : telemetry that came faster than it was published.
+    published : number of messages by topic. dropped : number of messages that arrived faster than they were published.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class RosBridge:
         self._account_ns: dict[str, int] = {}
 
     def take(self, message: Telemetry) -> None:
-        """Take a message; returns at once."""
+        """Add a message to the queue; returns at once."""
         try:
             self._queue.put_nowait(message)
         except queue.Full:
             self.dropped += 1
 
     def publish_next(self, wait_s: float) -> None:
-        """Publish what has come, waiting at most `wait_s` for something."""
+        """Publish the messages in the queue, waiting at most `wait_s` for the first."""
         try:
             found = [self._queue.get(timeout=wait_s)]
         except queue.Empty:
@@ -74,10 +74,10 @@ class RosBridge:
                 sides["device"].append(message)
             elif isinstance(message, WorldSample):
                 sides["world"].append(message)
-            elif isinstance(message, Event):  # on which side's clock its time is, nobody knows here
+            elif isinstance(message, Event):  # it does not state on which side's clock its time is
                 events.append(message._replace(time_ns=self._wall_ns()))
         for side, samples in sides.items():
-            if side not in self._about or not samples:  # a status comes before the first sample
+            if side not in self._about or not samples:  # samples are published only after the first status
                 continue
             recording = from_samples(self._about[side], samples, None, torn=False)
             if getattr(recording, side) is None:

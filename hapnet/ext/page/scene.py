@@ -1,4 +1,4 @@
-"""The 3-D part of the page: handle, proxy, walls, what the device knows of them, spring, force; the mouse as the hand.
+"""The 3-D part of the page: handle, proxy, walls, the device's planes, spring and force; the mouse moves the hand.
 
 Scene units are centimetres, so that motions of some 40 mm suit viser's camera and clipping.
 """
@@ -39,31 +39,31 @@ RED = (220, 38, 38)
 
 _HANDLE_RADIUS, _PROXY_RADIUS, _MARK_RADIUS = 0.38, 0.3, 0.12
 _EXTENT = 4.5  # of a wall, from the origin, where no other wall ends it
-_THICKNESS, _THIN = 0.8, 0.1  # of a single wall, and of one among others
+_THICKNESS, _THIN = 0.8, 0.1  # of a single wall, and of each of several walls
 _DEPTH = 3.0  # of a wall, across the plane of motion
-_BEYOND = 0.4  # a plane that the device knows reaches so far beyond a wall
-_FLAT_M = 1e-3  # a surface that bends is drawn as far as its plane is so near
+_BEYOND = 0.4  # a plane of the device extends so far beyond a wall
+_FLAT_M = 1e-3  # a plane of a curved surface is drawn as far as it is within this distance of the surface
 _LIFT = 0.75  # the arrow is drawn above the spring, which has the same direction
 _FOV = math.radians(30.0)
 _DISTANCE = 24.0
-_SEEN = 5.0  # from that distance: half the width between the panels
-_LEAST_SEEN = 4.0  # half the width in a window that is narrow
-_AROUND = 3.0  # of the hand, which is seen in any case
+_SEEN = 5.0  # half the width that is visible between the panels from that distance
+_LEAST_SEEN = 4.0  # half the width that is visible in a narrow window
+_AROUND = 3.0  # the surroundings of the hand that are always visible
 
 
 _BESIDE_AN_ARM = (0.64, 0.64, 0.42)
-"""From where an arm is looked at: its base stands behind the hand."""
+"""The direction from which the camera shows an arm, with the arm's base behind the hand."""
 
 
 class PageScene:
     """Draws a pair with `dof` axes between `surfaces` (`hapnet.plant.worlds.scene.Surface` as dicts).
 
     One and two axes are seen from the front, three from slightly above, with z upwards.
-    More than twenty attributes: each thing that is drawn is one.
+    More than twenty attributes: one for each thing that is drawn.
 
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
-    wall_name : what a single wall is called. parts : what the world looks like beside its walls.
-    arm : the device, if it is one; in radians, its tip stands for handle and proxy.
+    wall_name : the label of a single wall. parts : of the world, drawn beside its walls.
+    arm : the device, if it is an arm; with axes in radians, handle and proxy are drawn at its tip.
     turns : one of the parts is a tool that the handle turns.
     """
 
@@ -119,7 +119,7 @@ class PageScene:
         )
         self._newtons = scene.add_label("/handle/force_label", "", anchor="bottom-center", visible=False)
         below = (0.0, -0.55, 0.0) if dof < 3 else (0.0, 0.0, -0.55)
-        self._names = [  # side by side where the two are at one place
+        self._names = [  # side by side if both are at the same place
             scene.add_label("/handle/name", " handle ", position=below, anchor="top-right", font_screen_scale=0.85),
             scene.add_label("/proxy/name", " proxy ", position=below, anchor="top-left", font_screen_scale=0.85),
         ]
@@ -174,11 +174,11 @@ class PageScene:
         return self._arm is None or not self._arm.by_joints
 
     def _place(self, position: Array) -> Array:
-        """Where it is drawn."""
+        """The point of the scene at which this position is drawn."""
         return _spot(position if self._arm is None else self._arm.tip(position.tolist()))
 
     def _part_names(self, apart: float) -> None:
-        """Put each name on the side where the other one is not; `apart` : how far right the handle is of the proxy."""
+        """Put the two names on different sides; `apart` : how far the handle is to the right of the proxy."""
         if abs(apart) > _MARK_RADIUS and (apart > 0.0) != self._handle_is_right:
             self._handle_is_right = apart > 0.0
             sides: list[Literal["top-left", "top-right"]] = ["top-right", "top-left"]
@@ -186,7 +186,7 @@ class PageScene:
                 name.anchor = side
 
     def _show_touch(self, snapshot: Snapshot) -> None:
-        """Mark where a wall pushes: the proxy's depth in front of it, along the force."""
+        """Mark the point at which a wall pushes: in front of the proxy by its depth, along the force."""
         world = snapshot.world if snapshot.scene is None and self._in_metres else None
         depth = 0.0 if world is None else float(world.penetration_m[-1])
         force = np.zeros(3) if world is None else _padded(world.force_N[-1])
@@ -196,9 +196,9 @@ class PageScene:
             self._touch.position = _spot(world.position_m[-1]) + force * (UNIT * depth / size)
 
     def _show_planes(self, planes: tuple[Plane, ...], proxy: Array) -> None:
-        """Draw what the device knows of the world, moved back by the proxy's radius as the walls are.
+        """Draw the planes that the device has received, moved back by the proxy's radius like the walls.
 
-        A plane of a surface that bends is a small piece at the foot of the proxy.
+        The plane of a curved surface is drawn as a small piece at the foot of the proxy.
         """
         if planes == self._known:
             return
@@ -240,7 +240,7 @@ class PageScene:
     def _look(self, parts: Sequence[Part]) -> None:
         """Point the cameras straight at the plane of motion, so that the dragged handle stays under the mouse.
 
-        With three axes: at what rests around the hand, from as far away as it needs.
+        With three axes: at the parts at rest around the hand, from as far away as they need.
         """
         self._up = np.array([0.0, 0.0, 1.0]) if self.dof > 2 else np.array([0.0, 1.0, 0.0])
         tilt = math.radians(20.0)
@@ -254,11 +254,11 @@ class PageScene:
             self.look(client.camera)
 
     def look(self, camera: viser.InitialCameraConfig | viser.CameraHandle) -> None:
-        """Point this camera as at the start."""
+        """Point this camera as it was at the start."""
         camera.fov = _FOV
         position, middle = self._front
         if isinstance(camera, viser.CameraHandle):
-            camera.up_direction = self._up  # it may have been turned
+            camera.up_direction = self._up  # a user may have turned it
             position = middle + _farther(camera) * (position - middle)
         camera.position, camera.look_at = position, middle
 
@@ -267,7 +267,7 @@ class PageScene:
             lead(tuple(np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M).tolist()))
 
     def fit(self) -> None:
-        """Let the handle be found as easily in every window; to be called now and then."""
+        """Fit the ball of `Grab` and the cameras to the size of each window; to be called now and then."""
         cameras = {number: client.camera for number, client in self._server.get_clients().items()}
         if self._grab is not None:
             self._grab.fit(cameras.values())
@@ -279,7 +279,7 @@ class PageScene:
 
 
 def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
-    """The middle of the hand's surroundings, and the distance from which their width is seen between the panels."""
+    """The middle of the hand's surroundings, and the distance from which all of them is visible between the panels."""
     solid = [part.vertices for part in parts if part.body < 0 and len(part.vertices)]
     points = UNIT * np.clip(np.concatenate(solid), -REACH_M, REACH_M) if solid else np.zeros((1, 3))
     low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
@@ -288,14 +288,14 @@ def _view_of(parts: Sequence[Part]) -> tuple[Array, float]:
 
 
 def _view_of_arm(arm: ArmPicture) -> tuple[Array, float]:
-    """The middle of an arm at home, and the distance from which it is seen whole."""
+    """The middle of an arm at home, and the distance from which the whole arm is visible."""
     points = UNIT * arm.at_home
     low, high = np.minimum(points.min(axis=0), -_AROUND), np.maximum(points.max(axis=0), _AROUND)
     return (low + high) / 2.0, _DISTANCE * max(1.0, float(np.linalg.norm(high - low)) / (2.0 * _SEEN))
 
 
 def _farther(camera: viser.CameraHandle) -> float:
-    """How many times the usual distance shows what is beside the hand in this client's window, if it is narrow."""
+    """The factor on the usual distance at which a narrow window still shows the hand's surroundings; 1: not narrow."""
     half_width = _DISTANCE * math.tan(_FOV / 2.0) * camera.image_width / max(camera.image_height, 1)
     return max(1.0, _LEAST_SEEN / half_width) if half_width > 0.0 else 1.0
 
@@ -344,14 +344,14 @@ def _add_grid(scene: viser.SceneApi, dof: int) -> None:
 
 
 def _flat_share(plane: Plane) -> float:
-    """The share of a drawn plane within which the surface is not farther from it than `_FLAT_M`; 1: all of it."""
+    """The share of a plane within which the surface is at most `_FLAT_M` away from the plane; 1: the whole plane."""
     bend = max([abs(per_m) for _, per_m in plane.curvatures], default=0.0)
     whole = (_EXTENT + _BEYOND) / UNIT
     return min(1.0, math.sqrt(2.0 * _FLAT_M / bend) / whole) if bend else 1.0
 
 
 def _add_plane(scene: viser.SceneApi, number: int, dof: int) -> viser.BoxHandle:
-    """A plane that the device may know: a thin slab across the x axis, a little larger than a wall."""
+    """A plane that the device may receive: a thin slab across the x axis, a little larger than a wall."""
     return scene.add_box(
         f"/plane_{number}",
         BLUE,
@@ -372,7 +372,7 @@ def _add_wall(
     surface: Mapping[str, Any],
     name: str,
 ) -> None:
-    """A slab on the solid side, moved back by the proxy's radius: the proxy is drawn as a ball, but is a point."""
+    """A slab on the solid side, moved back by the proxy's radius, as the proxy is a point but is drawn as a ball."""
     axis, solid = int(surface["axis"]), int(surface["solid"])
     if axis > 2:
         return

@@ -1,7 +1,7 @@
-"""Serves the page: one viser server, on whose event loop the page is made and drawn.
+"""Serves the page: a viser server, and on its event loop the page, which is created and drawn there.
 
-viser's handles may be used from any thread, but each change wakes its loop's tasks at once, and waking them while the
-loop itself changes their list raises. On the loop there is no such moment. So the page's callbacks are coroutines.
+viser's handles may be used from any thread, but each change wakes its loop's tasks at once, and waking tasks while the
+loop itself changes their list raises. This cannot happen on the loop itself, so the page's callbacks are coroutines.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FRAME_S = 1.0 / 60.0
 FRAMES_A_PLOT = 15
-"""Plots, numbers and controls are drawn at some 4 Hz: for a browser without a GPU they are the most work."""
+"""Plots, numbers and controls are drawn at some 4 Hz, as they are the most work for a browser without a GPU."""
 
 NICENESS = 10
 """The priority of the page's threads, as `nice` counts."""
@@ -43,7 +43,7 @@ IDLE_S = 0.1
 """How often to check for a browser while there is none [s]."""
 
 PORTS = 100
-"""How many ports are tried, from the one asked for."""
+"""How many ports are tried, from the given port on."""
 
 
 class PageServer:
@@ -61,7 +61,7 @@ class PageServer:
     ) -> None:
         self._frame_s = frame_s
         self._closed = False
-        # who connects and says nothing, as a port scan does, is no error: its traceback would go to standard error
+        # a client that connects and sends nothing, such as a port scan, would print a traceback to standard error
         logging.getLogger("websockets").addHandler(logging.NullHandler())
         try:
             import viser
@@ -73,17 +73,17 @@ class PageServer:
 
         class Server(viser.ViserServer):
             def request_share_url(self, verbose: bool = True) -> str | None:
-                """Refuse: otherwise any open page could ask for a tunnel to a public server."""
+                """Refuse, as otherwise any open page could request a tunnel to a public server."""
                 return None
 
         def make() -> tuple[ViserServer, InnerLoop]:
             _yield_to_servos()  # the server's own threads inherit it
-            with _quiet(), inner_loops() as made:
+            with _quiet(), inner_loops() as loops:
                 server = Server("127.0.0.1", 0, label="hapnet", verbose=False)
-            if len(made) != 1 or made[0].inner is None:
+            if len(loops) != 1 or loops[0].inner is None:
                 server.stop()
-                raise HapnetError(f"viser {viser.__version__} opens a port of its own, which nobody guards: no page")
-            return server, made[0]
+                raise HapnetError(f"viser {viser.__version__} opens an unguarded port of its own, so no page is served")
+            return server, loops[0]
 
         self.port: int = _free_port(host, port)
         with ThreadPoolExecutor(1) as thread:
@@ -129,7 +129,7 @@ class PageServer:
         self.close()
 
     async def _draw(self) -> None:
-        """Draw until cancelled; what fails in a drawing is the page's to handle (`PagePainter`)."""
+        """Draw until cancelled; the page handles errors in a drawing (`PagePainter`)."""
         due, frame = time.monotonic(), 0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
@@ -139,7 +139,7 @@ class PageServer:
                 continue
             self._page.draw(now, rest=frame % FRAMES_A_PLOT == 0)
             frame += 1
-            due = max(due + self._frame_s, now - self._frame_s)  # one late frame is made up for, more are skipped
+            due = max(due + self._frame_s, now - self._frame_s)  # one late frame is drawn afterwards, more are skipped
 
 
 def serve(
@@ -154,13 +154,13 @@ def serve(
 ) -> PageServer:
     """Serve the page that shows `history`, from threads of its own, until the server is closed.
 
-    controls : what the page may change; None: it only watches. player : plays a recording, if it shows one.
-    host : the address to listen on; by default only this machine reaches it. Whoever knows the page's `url` may press
-        every button, nobody else: see gate.py.
+    controls : receives the user's changes; None: the page only watches. player : plays a recording, if there is one.
+    host : the address to listen on; by default only this machine reaches it. Everybody who has the page's `url` may
+        press every button, and nobody else: see gate.py.
     port : if it is taken, the next free one is used; 0: any.
-    frame_s : time between two pictures of the scene [s]. token : what the address ends in; "": a new one.
+    frame_s : time between two pictures of the scene [s]. token : the end of the address; "": a new token.
 
-    Raises MissingLibrary: viser is not installed. InvalidParameter: there is no such address here, or no port is free.
+    Raises MissingLibrary: viser is not installed. InvalidParameter: this machine has no such address, or no free port.
     """
     return PageServer(history, controls, player, host, port, frame_s, token)
 
@@ -179,7 +179,7 @@ def _free_port(host: str, port: int) -> int:
         except OSError as error:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise InvalidParameter("host", host, f"an address of this machine ({error.strerror})") from None
-    raise InvalidParameter("port", port, f"a port such that one of the {PORTS} from it on is free")
+    raise InvalidParameter("port", port, f"a port with a free one among the next {PORTS}")
 
 
 async def _ended(task: asyncio.Task[None]) -> None:
@@ -189,14 +189,14 @@ async def _ended(task: asyncio.Task[None]) -> None:
 
 
 def _yield_to_servos() -> None:
-    """Give this thread, and those that it starts, a lower priority: a servo on the same cores comes first."""
+    """Give this thread, and the threads that it starts, a lower priority than a servo on the same cores."""
     if sys.platform == "linux":  # elsewhere it would be the whole process
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress what viser prints on the terminal when it starts and stops."""
+    """A context in which viser prints nothing on the terminal, for its start and stop."""
     console = rich.get_console()
     before, console.quiet = console.quiet, True
     try:

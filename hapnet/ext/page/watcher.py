@@ -14,20 +14,20 @@ from hapnet.wire.encryption import Cipher, read
 from hapnet.wire.secret import Secret
 
 GONE_S = 5.0
-"""A pair that is not heard for this time is given up, and the next one heard is watched [s]."""
+"""After this time without a message from the watched pair, the next pair that sends is watched [s]."""
 
 
 class Watcher:
-    """Hands each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
+    """Passes each message of one pair's telemetry to `take`, on one of Zenoh's threads, where nothing may block.
 
-    Of several pairs it watches the first that is heard.
+    If there are several pairs, it watches the first that sends.
 
     settings : how to reach the pair. take : called with each message.
-    session, name : of the pair; None: of any.
+    session, name : of the pair; None: any.
 
     Attributes
     ----------
-    others : other pairs that were heard. telemetry : reads their messages, and counts those that it cannot read.
+    others : other pairs that sent messages. telemetry : reads the messages, and counts the unreadable ones.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
@@ -50,7 +50,7 @@ class Watcher:
 
     @property
     def pair(self) -> tuple[str, str] | None:
-        """(session, name) of the pair that is watched; None: none was heard lately."""
+        """(session, name) of the pair that is watched; None: no pair has sent for `GONE_S`."""
         return self._pair if time.monotonic() - self._heard_s < GONE_S else None
 
     @property
@@ -84,17 +84,17 @@ class Watcher:
 
 
 _MOST_SIDES = 64
-"""So many keys are kept, of sides that were heard; those of more are made for each message."""
+"""The number of sides whose keys are kept; the key of a further side is made again for each message."""
 
 
 class TelemetryReader:
-    """Hands what it can read to `take`.
+    """Decrypts and decodes messages, and passes them to `take`.
 
     word : the word of the pair's `--secret-file`; empty: none. take : called with each message.
 
     Attributes
     ----------
-    unreadable : messages that could not be read. undecrypted : of these the ones that were encrypted with a word that
+    unreadable : messages that could not be read. undecrypted : those of them that were encrypted with a word that
         this reader does not have.
     """
 

@@ -1,7 +1,7 @@
-"""`hapnet report` makes a page and pictures of recordings; `hapnet reproduce` the paper's Figures 4, 5 and 6.
+"""`hapnet report` makes a page and pictures of recordings; `hapnet reproduce` draws the paper's Figures 4, 5 and 6.
 
-The printing of the paper lost digits, and the defaults of `hapnet.params` restore them (`LOST`). The law of
-Figure 6's filter was not printed: here it is a first-order low-pass with a time constant of 15 ms, run every 5 ms.
+The printed paper lacks digits, which the defaults of `hapnet.params` restore (`LOST`). The paper does not state the law
+of Figure 6's filter: here it is a first-order low-pass with a time constant of 15 ms, run every 5 ms.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SECTION_4: dict[str, object] = {
     "device.stiffness": 100.0, "device.ceiling_J": 0.05,
 }  # fmt: skip
 """One computer: device and virtual world on the same machine, without a link between them. The hand is as it was when
-the figures were made: a sine, if one is asked for, is full from the start."""
+the figures were made: an operator `sine` has its full amplitude from the start."""
 SMOOTHING_S = 0.015
 """Time constant of Figure 6's filter [s]."""
 
@@ -49,7 +49,7 @@ def report(
     verbose: flags.Verbose = False,
 ) -> int:
     from hapnet.commands.outcome import write
-    from hapnet.ext.pictures.report import names_of, report as reported
+    from hapnet.ext.pictures.report import names_of, report as report_on
     from hapnet.recording.mcap import repair
     from hapnet.recording.opened import fitting
 
@@ -57,7 +57,7 @@ def report(
     words = output.console(json_to)
     written = output.Written()
     with Progress(output.progress_console(), "reading"), fitting(files[0]):
-        found = reported(files)
+        found = report_on(files)
     sources = []
     for source in found.sources:
         if source.torn:

@@ -1,4 +1,4 @@
-"""The comparison as figures: the traces of one case for all variants, and transparency against passivity."""
+"""The figures of a comparison: the traces of a case for all variants, and transparency over passivity."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
 _OUT = (
-    "most energy that ever came out of both ports [mJ] (beyond d², shaded: not passive).\n"
-    "Dots: cases (crosses: not passive). Marks: a variant's largest energy across, up the median over hands and its "
-    "95 % interval\n(black edge: not all passive)"
+    "most energy that came out of both ports [mJ] (beyond d², shaded: not passive).\n"
+    "Dots: cases (crosses: not passive). Marks: a variant at its largest energy (x), and at the median over hands with "
+    "its 95 % interval (y)\n(black edge: not all passive)"
 )
 _DASHED = (0, (3, 1.2))
 _COLUMNS = 2
-STORY = 100  # characters of a line that the figure's width holds
+STORY = 100  # characters of a line that fits into the figure's width
 _TOP_MM, _CELL_MM, _BOTTOM_MM = 6.0, 56.0, 14.0
 TRUE_ERROR, STIFFNESS = "true_force_error_percent", "stiffness_percent"
 
 
 class Look(NamedTuple):
-    """A variant's name, and the number of its coupling, whose colour and mark it has. `filled`: with a deadband."""
+    """A variant's name, and the number of its coupling, for colour and mark. `filled`: with a deadband."""
 
     name: str
     coupling: int
@@ -43,7 +43,7 @@ class Look(NamedTuple):
 
     @property
     def mark(self) -> dict[str, Any]:
-        """An outline, so that marks in the same place all show."""
+        """An outline, so that marks in the same place are all visible."""
         return {
             "color": self.color,
             "marker": _MARKS[self.coupling % len(_MARKS)],
@@ -63,9 +63,9 @@ class Traces(NamedTuple):
 
 
 class Points(NamedTuple):
-    """A variant over a link: of each case the energy that came out [mJ], the metric, and whether it was passive.
+    """A variant over a link: for each case the energy that came out [mJ], the metric, and whether it was passive.
 
-    median, low, high : of the metric, over hands. passive : were all of the variant's cases? out_mJ : the largest.
+    median, low, high : of the metric, over hands. passive : True if all cases were. out_mJ : the largest energy.
     """
 
     cases: Sequence[tuple[float, float, bool]]
@@ -79,9 +79,9 @@ class Points(NamedTuple):
 def traces(
     title: str, looks: Sequence[Look], runs: Sequence[Traces], shown_s: float, surface_mm: float | None
 ) -> Figure:
-    """The same case for each variant: device, proxy and the force felt in colour, those of all other variants in grey.
+    """The same case for each variant: device, proxy and felt force in colour, and those of the other variants in grey.
 
-    surface_mm : where the wall's surface is.
+    surface_mm : the position of the wall's surface.
     """
     with sheet(_TOP_MM + _CELL_MM * ceil(len(runs) / _COLUMNS) + _BOTTOM_MM, layout=None) as fig:
         fig.suptitle(title, fontsize=9, y=1.0 - 2.0 / _height_mm(fig), va="top", parse_math=False)
@@ -113,16 +113,16 @@ def traces(
 
 
 def _cell(fig: Figure, k: int, first: tuple[Axes | None, Axes | None]) -> tuple[Axes, Axes]:
-    """The panels of positions and of forces in cell `k`; they share the scales of the first cell's."""
+    """The panels of positions and of forces in cell `k`, which share the scales of the first cell's panels."""
     height = _height_mm(fig)
     left = (16.0 + 83.0 * (k % _COLUMNS)) / WIDTH_MM
     width = 78.0 / WIDTH_MM
     top = height - _TOP_MM - _CELL_MM * (k // _COLUMNS)
 
     def panel(above_mm: float, high_mm: float, share_y: Axes | None) -> Axes:
-        made = fig.add_axes((left, (top - above_mm - high_mm) / height, width, high_mm / height), sharey=share_y)
-        made.tick_params(labelleft=k % _COLUMNS == 0)
-        return made
+        axes = fig.add_axes((left, (top - above_mm - high_mm) / height, width, high_mm / height), sharey=share_y)
+        axes.tick_params(labelleft=k % _COLUMNS == 0)
+        return axes
 
     return panel(5.0, 24.0, first[0]), panel(31.0, 20.0, first[1])
 
@@ -135,14 +135,13 @@ def tradeoff(
     bound_mJ: float,
     most_mJ: float,
 ) -> Figure:
-    """True force error and rendered stiffness against the most energy that ever came out of both ports.
+    """True force error and rendered stiffness over the most energy that came out of both ports.
 
     There is a panel for each link, and for each metric that a case has. A dot is a case. A mark is at the median of the
-    metric and at the largest energy of a variant's cases, since a claim of passivity concerns the worst case. The
-    energy axis is linear up to d^2 and logarithmic beyond, where a coupling is not passive and the energy may be any
-    amount; that part is shaded.
+    metric and at the largest energy of a variant's cases, as a claim of passivity concerns the worst case. The
+    energy axis is linear up to d^2 and logarithmic beyond; that part, where a coupling is not passive, is shaded.
 
-    found : by metric (`TRUE_ERROR`, `STIFFNESS`) and link, of each look. bound_mJ : d^2. most_mJ : that ever came out.
+    found : by metric (`TRUE_ERROR`, `STIFFNESS`) and link, for each look. bound_mJ : d^2. most_mJ : largest energy out.
     """
     found = {metric: over for metric, over in found.items() if any(map(any, over.values()))} or found
     with sheet(64.0 * len(found) + 24.0) as fig:
@@ -164,7 +163,7 @@ def tradeoff(
 
 
 def _columns(looks: Sequence[Look]) -> int:
-    """How many of their names have room side by side, with a mark each."""
+    """The number of their names that fit side by side, with a mark each."""
     widths = [len(one.name) + 7 for one in looks]
     return len(widths) if sum(widths) <= STORY + 10 else max(1, min(len(widths), STORY // max(widths)))
 
@@ -193,7 +192,7 @@ def _axes(panels: Any, first: Mapping[str, Any], links: Sequence[str], bound: fl
         force.set_yticks([], minor=True)
     if (stiffness := first.get(STIFFNESS)) is not None:
         low, high = stiffness.get_ylim()
-        stiffness.set_ylim(max(min(low, 80.0), -50.0), min(max(high, 120.0), 250.0))  # of a graze it may be anything
+        stiffness.set_ylim(max(min(low, 80.0), -50.0), min(max(high, 120.0), 250.0))  # a graze may have any stiffness
     for panel in panels.flat:
         panel.axvspan(bound, right, alpha=0.5, **NOT_PASSIVE)
         panel.axvline(bound, color="#cb181d", linewidth=1.0)

@@ -1,4 +1,4 @@
-"""The figure of a benchmark: how what was measured is distributed, beside a bare reference."""
+"""The figure of a benchmark: the distributions of measured values and of a bare reference."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHADE = 0.25
 
 
 class Values(NamedTuple):
-    """Measured values, ascending, how often each occurred, and the figures that are marked."""
+    """Measured values, ascending, how often each occurred, and the two figures that are marked."""
 
     values: Array
     counts: Array

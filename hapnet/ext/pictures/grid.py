@@ -21,15 +21,15 @@ STATS: Mapping[str, Callable[[Any], Any]] = {
 }
 
 USUAL = "energy_out_J"
-"""The default metric: how near a run came to the energy that d^2 allows."""
+"""The default metric: the energy that came out, of which d^2 is allowed."""
 
 _MILLI = ("J", "N", "m", "s", "W")
-_SMALL = 0.1  # largest figure below which thousandths read better
+_SMALL = 0.1  # if the largest figure is smaller, the unit gets the prefix milli
 
 
 @dataclass
 class Cell:
-    """The runs at one point of the axes: their values, and how many failed, were not run yet, or were not passive."""
+    """The runs at a point of the axes: their values, and how many failed, were not run yet, or were not passive."""
 
     values: list[float] = field(default_factory=list)
     failed: int = 0
@@ -39,7 +39,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class GridAxis:
-    """One axis of the grid: a parameter that varies, and its values, ascending if they are numbers; also as text."""
+    """An axis of the grid: a varied parameter, and its values, ascending if they are numbers, also as text."""
 
     name: str
     unit: str
@@ -73,7 +73,7 @@ class Grid:
     cells: Mapping[tuple[int, int], Cell]
     metric: str
     over: tuple[str, ...]
-    """What the runs of a cell differ in, as text: ``10 seeds``."""
+    """The other varied parameters, over which the runs of a cell are taken, as text: ``10 seeds``."""
 
 
 def numeric(values: Iterable[Any]) -> bool:
@@ -92,7 +92,7 @@ def statistic(name: str) -> Callable[[Any], float]:
 
 
 def usual_statistic(metric: str) -> str:
-    """The worst run for metrics of passivity, since one failure is too many; the median for all others."""
+    """The worst run for metrics of passivity, as a single failure is too many; the median for all others."""
     least = metric == "claim_kept" or ("margin" in metric and metric.endswith("_J"))
     return "max" if metric == USUAL else "min" if least else "median"
 
@@ -100,7 +100,7 @@ def usual_statistic(metric: str) -> str:
 def metric_label(metric: str, figures: Collection[float]) -> tuple[str, float]:
     """A metric's label with its unit, and the factor for figures of this size: 1000 for small ones.
 
-    A metric that this version does not know gets its bare name.
+    A metric that this version of hapnet does not have gets its bare name.
     """
     known = METRICS.get(metric)
     if known is None:

@@ -1,4 +1,4 @@
-"""Histograms of the links' delays and of the servo's lateness, as they were counted during the run."""
+"""Histograms of the links' delays and of the servo's lateness, from the counts in a run's summary."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 _COLORS = {"up": DEVICE_COLOR, "down": WORLD_COLOR}
 _TITLE = 300  # letters
-_LINE = 64  # letters: the legend is to the right of them
+_LINE = 64  # letters, as the legend is to the right
 _BARS = 60
 _WIDE = 20.0  # times the median: a longer delay needs a logarithmic axis
 _SUB_BINS = 8  # the servo's lateness has 32 bins per octave; four are joined into one here
 
 
 def link_histogram(tree: object) -> Figure | None:
-    """The delays of both links, one panel each, 180 mm wide; None if no link counted any."""
+    """The delays of both links, in a panel each, 180 mm wide; None if no delays were counted."""
     counted = read(tree)["links"]
     links = {direction: link for direction in DIRECTIONS if (link := counted[direction]) is not None}
     bins = {direction: _bins(link["delay_histogram_ms"]) for direction, link in links.items()}
@@ -52,7 +52,7 @@ def link_histogram(tree: object) -> Figure | None:
 
 
 def lateness_histogram(tree: object) -> Figure | None:
-    """How late the servo's ticks were, on logarithmic axes; None if that was not recorded."""
+    """The lateness of the servo's ticks, on logarithmic axes; None if it was not recorded."""
     device = read(tree)["device"]
     servo = None if device is None else device["servo"]
     bins = _bins(None if servo is None else servo["late_histogram_us"])
@@ -76,7 +76,7 @@ def lateness_histogram(tree: object) -> Figure | None:
 
 def _delays(panel: Axes, bins: NDArray[np.float64], color: str, *, logarithmic: bool) -> None:
     edges, counts = bins[:, 0].copy(), bins[1:, 1]
-    if logarithmic:  # on which bins are equally wide
+    if logarithmic:  # on this axis bins are equally wide
         edges[0] = edges[0] or edges[1] / 2.0
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter("{x:g}")
@@ -94,7 +94,7 @@ def _stairs(panel: Axes, counts: NDArray[np.float64], edges: NDArray[np.float64]
 
 
 def _bins(histogram: Any) -> NDArray[np.float64]:
-    """Rows of (edge, count); none if this is not a histogram, or nothing was counted."""
+    """Rows of (edge, count); no rows if this is not a histogram, or all counts are 0."""
     nothing = np.zeros((0, 2))
     try:
         bins = np.array(histogram or nothing, dtype=float).reshape(-1, 2)

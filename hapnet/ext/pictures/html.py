@@ -1,4 +1,4 @@
-"""Safe HTML: elements are made here only, and every text in them is escaped."""
+"""Safe HTML: elements are made only here, and every text in them is escaped."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ VOID = frozenset({"img", "meta"})
 
 
 class Html(str):
-    """Text that is HTML already; only `element` and `join` make it from other text."""
+    """Text that is already HTML; `element` and `join` make it from other text."""
 
     __slots__ = ()
 
 
 def element(name: str, /, *children: str, **attributes: str) -> Html:
-    """``<name attribute="...">children</name>``; a child that is not `Html` is escaped, as every attribute is.
+    """``<name attribute="...">children</name>``; attributes, and children that are not `Html`, are escaped.
 
     An underscore at the end of an attribute's name is dropped (``class_``), any other becomes a hyphen.
     """

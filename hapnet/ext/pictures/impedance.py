@@ -1,4 +1,4 @@
-"""Figures of what couplings transmit of a wall over frequency, and of a device's stiffest stable spring over its
+"""Figures of the transmitted impedance of a wall over frequency, and of a device's stiffest stable spring over its
 damping.
 """
 
@@ -25,19 +25,19 @@ TICKS_HZ = (0.5, 1, 2, 5, 10, 20)
 
 
 def transmitted(curves: dict[tuple[str, str], Curve], motion: str = "") -> Figure:
-    """One column per link: stiffness and damping over frequency, with quartiles, beside the true wall's.
+    """A column for each link: stiffness and damping over frequency, with quartiles, and those of the true wall.
 
-    motion : of a tool, whose curves these are.
+    motion : of a tool, if these are its curves.
     """
     links = list(dict.fromkeys(link for _, link in curves))
     turns, thing = any(one.turns for one in curves.values()), "tool" if motion else "wall"
     units = ("Nm/rad", "Nms/rad") if turns else ("N/m", "Ns/m")
-    with sheet(120) as made:
-        axes = made.subplots(2, len(links), sharex=True, sharey="row", squeeze=False)
+    with sheet(120) as fig:
+        axes = fig.subplots(2, len(links), sharex=True, sharey="row", squeeze=False)
         for column, link in enumerate(links):
             shown = {coupling: found for (coupling, over), found in curves.items() if over == link}
             above, below = axes[0][column], axes[1][column]
-            widths = np.linspace(2.6, 1.0, len(shown))  # so that a line shows under another
+            widths = np.linspace(2.6, 1.0, len(shown))  # so that a line is visible under another line
             for colour, width, (coupling, found) in zip(COLOURS, widths, shown.items(), strict=False):
                 style = {"color": colour, "linewidth": width}
                 _line(above, found.frequency_hz, found.stiffness, coupling, style)
@@ -61,8 +61,8 @@ def transmitted(curves: dict[tuple[str, str], Curve], motion: str = "") -> Figur
         axes[0][0].set_ylabel(f"transmitted stiffness [{units[0]}]")
         axes[1][0].set_ylabel(f"transmitted damping [{units[1]}]")
         handles, labels = axes[0][0].get_legend_handles_labels()
-        made.legend(handles, labels, loc="outside lower center", ncols=5)
-    return made
+        fig.legend(handles, labels, loc="outside lower center", ncols=5)
+    return fig
 
 
 def _line(axis: Axes, x: Sequence[float], values: Sequence[Quartiles], label: str, style: dict[str, Any]) -> None:
@@ -83,14 +83,14 @@ class Springs(NamedTuple):
 def stable_springs(
     found: Sequence[Springs], bound: Callable[[float, float], float], dampings: tuple[float, float]
 ) -> Figure:
-    """A panel per servo rate: the stiffest stable K over the device's own damping, beside the bound from theory.
+    """A panel for each servo rate: the stiffest stable K over the device's own damping, and the bound from theory.
 
-    bound : [N/m] for an own damping and a servo rate. dampings : between which it is drawn.
+    bound : returns [N/m] for an own damping and a servo rate. dampings : the range in which it is drawn.
     """
     rates = list(dict.fromkeys(one.servo_hz for one in found))
     colours = dict(zip(dict.fromkeys(one.name for one in found), COLOURS, strict=False))
-    with sheet(80) as made:
-        panels = made.subplots(1, len(rates), sharey=True, squeeze=False)[0]
+    with sheet(80) as fig:
+        panels = fig.subplots(1, len(rates), sharey=True, squeeze=False)[0]
         for panel, hz in zip(panels, rates, strict=True):
             for one in found:
                 if one.servo_hz == hz:
@@ -101,5 +101,5 @@ def stable_springs(
             panel.set(title=f"{hz:g} Hz", xscale="log", yscale="log", xlabel="own damping b [Ns/m]")
         panels[0].set_ylabel("stiffest stable K [N/m]")
         handles, labels = panels[0].get_legend_handles_labels()
-        made.legend(handles, labels, loc="outside lower center", ncols=3)
-    return made
+        fig.legend(handles, labels, loc="outside lower center", ncols=3)
+    return fig

@@ -1,6 +1,6 @@
-"""A report as one HTML file, for any browser and for print: nothing is loaded from elsewhere.
+"""A report as a single HTML file, for any browser and for print, which loads nothing from elsewhere.
 
-The only script is plotly.js, in the page itself where the extra `zoom` is installed; without scripts it shows pictures.
+Its only script is plotly.js, in the page itself, if the extra `zoom` is installed; without scripts it shows pictures.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FOLDED = 12
 """A longer list of events is folded."""
 
 MOST_EVENTS = 500
-"""Further events are in the recording only."""
+"""The largest number of events in the page; the recording has all."""
 
 _POLICY = "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'"
 _ZOOM = """
@@ -44,14 +44,14 @@ for (const shown of document.querySelectorAll(".zoom")) {
 _HOW_TO_ZOOM = " Drag over a part to zoom into it, turn the wheel, or double-click to see all again."
 _WHAT_IT_MEANS = {
     "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
-    "(Theorem 1). The line above says how much came out at most, how much of the bound was left at the end, and the "
-    "minimum that was left after the first second.",
-    "bad": "More energy came out than the account allows: Theorem 1 does not hold for this run.",
+    "(Theorem 1). The line above has the most energy that came out, the margin that was left at the end, and the "
+    "smallest margin after the first second.",
+    "bad": "More energy came out than the bound d² allows: Theorem 1 does not hold for this run.",
     "unknown": "The known data do not show whether Theorem 1 held throughout.",
 }
 _HALF = (
-    "One side's recording contains only what went in and out at its own port, which is its half of Theorem 1. "
-    "hapnet report with the files of both sides shows the whole."
+    "One side's recording contains only the energy that went in and out at its own port, its half of Theorem 1. "
+    "Run hapnet report with the files of both sides for the whole theorem."
 )
 _MEASURED = {
     "good": "At no observed time had the hand and the world together taken out more energy than the bound d² allows.",
@@ -79,7 +79,7 @@ class ReportSource:
 def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequence[ReportSource]) -> str:
     """The report on `recording`, which must have a summary, with its pictures.
 
-    All that comes from a recording is escaped as text. Pass it through `legible` first.
+    All texts of a recording are escaped. Pass the recording through `legible` first.
     """
     summary = read(recording.summary)
     energy = tables.energy(summary)
@@ -88,8 +88,8 @@ def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequenc
     body = element(
         "main",
         _head(summary, title, sources),
-        _section("What was run", _facts(recording, sources)),
-        _section("What happened", _picture(drawn.get("run")), _picture(drawn.get("scene"))),
+        _section("The run", _facts(recording, sources)),
+        _section("Course of the run", _picture(drawn.get("run")), _picture(drawn.get("scene"))),
         _section(
             "Summary",
             _table(tables.both_ports(summary)),
@@ -102,7 +102,7 @@ def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequenc
         _section("Energy account", _table(energy), element("p", _ENERGY) if energy.rows else Html()),
         _section("Servo", _picture(drawn.get("servo"))),
         _section("Silences and events", _events(recording)),
-        _section("How to make it again", _commands(recording, sources)),
+        _section("Commands that repeat the run", _commands(recording, sources)),
         _section("Settings", _settings(settings(recording))),
         _section("Versions", _versions(recording)),
         _section("Files", _files(sources)),
@@ -123,7 +123,7 @@ def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequenc
 
 
 def _policy(scripts: Sequence[str]) -> str:
-    """Only these scripts run, known by their digests."""
+    """The page's security policy, by which only these scripts run, checked by their digests."""
     digests = [f"'sha256-{b64encode(sha256(script.encode()).digest()).decode('ascii')}'" for script in scripts]
     return f"{_POLICY}; script-src {' '.join(digests)}" if scripts else _POLICY
 
@@ -142,9 +142,9 @@ def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html
         meaning = _HALF if alone else _WHAT_IT_MEANS[found]
     else:
         judged, spec = "" if alone else f"{_MEASURED[found]} ", known(coupling)
-        claim = "Nothing is claimed about this coupling: it is the user's own."
+        claim = "This coupling is the user's own and makes no claim."
         if spec is not None:
-            claim = f"What is claimed about this coupling ({spec.title}; {spec.source}): {spec.claim}."
+            claim = f"The claim of this coupling ({spec.title}; {spec.source}): {spec.claim}."
         meaning = judged + claim
     return element(
         "header",
@@ -185,18 +185,18 @@ def _facts(recording: Recording, sources: Sequence[ReportSource]) -> Html:
 
 def _link(recording: Recording, direction: Direction) -> str | None:
     side = of_side(recording, "device" if direction == "up" else "world")
-    asked = get(side, "links", direction)
-    if asked is None:
+    profile = get(side, "links", direction)
+    if profile is None:
         link = read(recording.summary)["links"][direction]
-        asked = None if link is None else link["profile"]
+        profile = None if link is None else link["profile"]
     timeline = get(side, "params", "link", f"{direction}_timeline")
-    return None if asked is None else f"{asked or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
+    return None if profile is None else f"{profile or 'nothing emulated'}{f'; {timeline}' if timeline else ''}"
 
 
 def _events(recording: Recording) -> Html:
     if not (events := recording.events):
         virtual = get(recording.meta, "clock") == "virtual"
-        return element("p", _NO_EVENTS if virtual else "None were recorded.")
+        return element("p", _NO_EVENTS if virtual else "No events were recorded.")
     origin_ns = int(recording.meta.get("origin_ns", 0))
     rows = [
         (f"{round((event.time_ns - origin_ns) / 1e9, 3) + 0.0:.3f}", event.kind, event.text)
@@ -204,7 +204,7 @@ def _events(recording: Recording) -> Html:
     ]
     shown = table(("time [s]", "kind", "what"), rows, class_="events")
     if len(events) > len(rows):
-        shown = join(shown, element("p", f"The other {len(events) - len(rows)} are in the recording only."))
+        shown = join(shown, element("p", f"The other {len(events) - len(rows)} events are only in the recording."))
     if len(events) <= FOLDED:
         return shown
     counts = ", ".join(f"{count} {kind}" for kind, count in Counter(e.kind for e in events).most_common(FOLDED))
@@ -213,11 +213,9 @@ def _events(recording: Recording) -> Html:
 
 def _settings(rows: list[Setting]) -> Html:
     if not rows:
-        return element("p", "The recording does not contain them.")
+        return element("p", "The recording does not contain the settings.")
     changed = sum(bool(row.default) for row in rows)
-    words = (
-        f"{changed} of {len(rows)} differ from the defaults; they are marked." if changed else "All are the defaults."
-    )
+    words = f"{changed} of {len(rows)} differ from the defaults (marked)." if changed else "All have their defaults."
     cells = [
         (
             join(element("mark", one.name), " ") if one.default else one.name,
@@ -240,12 +238,12 @@ def _commands(recording: Recording, sources: Sequence[ReportSource]) -> Html:
 
 
 def _versions(recording: Recording) -> Html:
-    reported = {
+    by_side = {
         side: get(of_side(recording, side), "versions") or read(recording.summary)["versions"]
         for side in ("device", "world")
     }
-    same = reported["device"] == reported["world"]
-    columns = {"": reported["device"]} if same else reported
+    same = by_side["device"] == by_side["world"]
+    columns = {"": by_side["device"]} if same else by_side
     names = dict.fromkeys(name for versions in columns.values() if isinstance(versions, Mapping) for name in versions)
     rows = [(name, *(str(get(versions, name) or "-") for versions in columns.values())) for name in names]
     return table(("" if same else "package", *columns), rows) if rows else element("p", "Unknown.")
@@ -290,5 +288,5 @@ def _picture(picture: PngPicture | None) -> Html:
 
 
 def _of_device(recording: Recording, name: str) -> Any:
-    """A parameter that only the device's process uses; None without its recording."""
+    """A parameter that only the device's process uses; None without the device's recording."""
     return None if recording.device is None else get(of_side(recording, "device"), "params", name)

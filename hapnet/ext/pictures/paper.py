@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LOST = (
-    "The printing lost digits; reconstructed: K = 100 N/m (printed 1N/m), K' = 500 N/m (5N/m; K' = 5K), "
+    "The printed paper lacks digits; reconstructed: K = 100 N/m (printed 1N/m), K' = 500 N/m (5N/m; K' = 5K), "
     "virtual mass 20 g (.kg), wall's damping 10 Ns/m (1Ns/m), T_k uniform from 10 to 50 ms (a figure; 3ms on average)"
 )
 
 
 def timesteps(recording: Recording) -> Figure:
-    """Figure 4: the world's step T_k against k."""
+    """Figure 4: the world's step T_k over k."""
     world = recording.world
     assert world is not None
     steps_ms = 1e3 * world["step_s"]
@@ -37,7 +37,7 @@ def timesteps(recording: Recording) -> Figure:
 
 
 def profiles(recording: Recording, params: Params, unfiltered: Recording | None = None) -> Figure:
-    """Figures 5 and 6: positions, forces and reservoirs over contact with the wall, along the first axis.
+    """Figures 5 and 6: positions, forces and reservoirs during contact with the wall, along the first axis.
 
     unfiltered : the same run without the smoothing filter, for Figure 6.
     """
@@ -84,7 +84,7 @@ def profiles(recording: Recording, params: Params, unfiltered: Recording | None 
 
 
 def _roughness(recording: Recording) -> float:
-    """By how much the hand's force changes within 5 ms [N]: 95th percentile, out of contact, faster than 10 mm/s."""
+    """The change of the hand's force within 5 ms [N]: 95th percentile, out of contact, faster than 10 mm/s."""
     device, world = recording.device, recording.world
     assert device is not None
     assert world is not None
@@ -97,7 +97,7 @@ def _roughness(recording: Recording) -> float:
 
 
 def _title(fig: Figure, text: str) -> None:
-    """The story above, and what is not printed in the paper below."""
+    """Put the text above the figure, and the reconstructed digits below it."""
     fig.suptitle(text, fontsize=9)
     fig.supxlabel("\n".join(textwrap.wrap(LOST, 125)), fontsize=7, color="0.35")
 

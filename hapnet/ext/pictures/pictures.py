@@ -17,9 +17,9 @@ from hapnet.summary.words import number
 
 @dataclass(frozen=True)
 class PngPicture:
-    """A PNG. `name` is the end of its file's name; `caption` says how to read it, `alternative` what it shows.
+    """A PNG. `name` ends its file's name; `caption` explains how to read it, `alternative` describes it.
 
-    zoomed : the same for plotly.js, which can zoom it; empty: this picture is looked at as it is.
+    zoomed : the same picture for plotly.js, which can zoom it; empty: there is none.
     """
 
     name: str
@@ -30,7 +30,7 @@ class PngPicture:
 
 
 def pictures(recording: Recording) -> dict[str, PngPicture]:
-    """Pictures by name: ``run``, ``scene`` of solids, and ``link`` and ``servo`` if their histograms were counted."""
+    """Pictures by name: ``run``, ``scene`` of solids, and ``link`` and ``servo`` if their histograms were recorded."""
     summary = read(recording.summary)
     full = has_reservoirs(summary["coupling"])
     panels = f"positions of device and proxy, forces, {'energy reservoirs, ' if full else ''}passivity margin"
@@ -53,29 +53,29 @@ def pictures(recording: Recording) -> dict[str, PngPicture]:
     if lateness is not None and device is not None:
         servo = device["servo"]
         late = (servo["late_p50_us"], servo["late_p99_us"], servo["late_max_us"])
-        reported = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
-        found.append(PngPicture("servo", png(lateness), _SERVO, reported))
+        alternative = "Histogram of lateness: p50 {} µs, p99 {} µs, most {} µs.".format(*map(number, late))
+        found.append(PngPicture("servo", png(lateness), _SERVO, alternative))
     return {picture.name: picture for picture in found}
 
 
 _RUN = (
-    "Positions: in contact (grey) the surface stops the proxy while the hand goes on. Forces: the coupling's force on "
-    "the device, and the surface's force on the proxy. {reservoirs}Margin: what is left of the bound d²; in the red "
-    "area, energy was created. A silence is shaded from when it was noticed until the other side was heard again."
+    "Positions: in contact (grey) the surface stops the proxy while the hand moves on. Forces: the coupling's force on "
+    "the device, and the surface's force on the proxy. {reservoirs}Margin: the bound d² plus the energy put in, minus "
+    "the energy that came out; in the red area, energy was created. A silence is shaded from its detection to its end."
 )
 _RESERVOIRS = (
-    "Reservoirs: the energy that each side may spend on moving its spring; an empty one holds the set-position back. "
+    "Reservoirs: the energy that each side may use to move its spring; an empty reservoir holds the set-position back. "
 )
 _SCENE = (
-    "What the scene looks like, the path of the hand (device), and that of the world's proxy, which solids stop. Red: "
+    "The scene with the path of the hand (device) and the path of the world's proxy, which solids stop. Red: "
     "the proxy is in contact; the line is the largest force, 10 mm per newton, and around it the contact's friction "
-    "cone. What moves is where it was then; faint, where it was at other times."
+    "cone. Moving bodies are shown at the time of the largest force, and faintly at other times."
 )
 _LINK = (
-    "How long packets stayed in each emulated link, from the offer to the release time by the profile, as the link "
-    "itself counted them. Lost packets are not included, and neither is the real network."
+    "The delay of packets in each emulated link, from the offer to the release time by the profile, as counted by the "
+    "link. Lost packets are not included, and neither is the real network."
 )
 _SERVO = (
-    "How late the servo's ticks began after their deadlines; both axes are logarithmic. A tick that is late by a whole "
-    "period is a missed deadline."
+    "The lateness of the servo's ticks after their deadlines; both axes are logarithmic. A tick that is late by a "
+    "whole period is a missed deadline."
 )

@@ -1,4 +1,4 @@
-"""`hapnet.report`: what was recorded of a run as a page, pictures and a summary."""
+"""`hapnet.report`: the recordings of a run as a page, pictures and a summary."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class Report:
-    """A run as people look at it.
+    """The report on a run: page, pictures and summary.
 
-    recording : with its summary, and with texts that are safe to show. sources : the files that it is from.
-    parts : the recordings in these.
+    recording : with its summary, and with texts that are safe to show. sources : the files of the recording.
+    parts : the recordings in these files.
     """
 
     recording: Recording
@@ -42,17 +42,17 @@ class Report:
 
     @property
     def summary(self) -> Summary:
-        """As `hapnet report --json -` prints it; its keys are in `hapnet.summary.structure`."""
+        """The summary, as `hapnet report --json -` prints it; `hapnet.summary.structure` lists its keys."""
         return cast("Summary", self.recording.summary)
 
     @cached_property
     def pictures(self) -> Mapping[str, PngPicture]:
-        """Pictures by name: ``run``, ``scene`` of solids, ``link`` and ``servo`` if their histograms were counted."""
+        """Pictures by name: ``run``, ``scene`` of solids, ``link`` and ``servo`` if their histograms were recorded."""
         return pictures(self.recording)
 
     @property
     def page(self) -> str:
-        """One file of HTML, with its pictures in it."""
+        """The page as HTML, with its pictures in it."""
         return page(self.recording, self.pictures, self.sources)
 
     def content(self, page: str, names: Mapping[str, str]) -> dict[str, bytes]:
@@ -74,32 +74,30 @@ class Report:
 
 @permitting(only_imported)
 def report(what: Recorded, directory: str | PathLike[str] | None = None) -> Report:
-    """The report on a run, written into `directory` (``report.html`` and its pictures) if that is given.
+    """The report on a run; also written into `directory` (``report.html`` and its pictures), if given.
 
-    ``report(simulate(), "runs")``; or what was recorded: a file, the device's and the world's, a run's directory.
+    ``report(simulate(), "runs")``; or the report on a file, on the device's and the world's file, or on a directory.
 
-    Raises InvalidParameter, RecordingError: these are not the recordings of a run, or nothing can be written.
-    MissingLibrary: there is nothing that draws (extra `report`).
+    Raises InvalidParameter, RecordingError: these are not the recordings of a run, or a file cannot be written.
+    MissingLibrary: matplotlib is not installed (extra `report`).
     """
     found = opened(what)
     summary = found.whole.summary if not found.files else None
     if summary is None:
         summary = of_recordings(found.files, found.parts) if found.files else of_recordings([Path("run")], found.parts)
-        reported, moved = summary.get("motion"), motion(found.whole)
-        if isinstance(reported, Mapping):  # the other side's report of its own stays
-            moved = cast(
-                "MotionFigures", {key: reported.get(key) if one is None else one for key, one in moved.items()}
-            )
+        earlier, moved = summary.get("motion"), motion(found.whole)
+        if isinstance(earlier, Mapping):  # figures that these recordings do not give are kept from the report
+            moved = cast("MotionFigures", {key: earlier.get(key) if one is None else one for key, one in moved.items()})
         summary["motion"] = moved
     sources = [source_of(file, recording) for file, recording in zip(found.files, found.parts, strict=False)]
-    made = Report(_legible(replace(found.whole, summary=summary)), tuple(sources), found.parts)
+    result = Report(_legible(replace(found.whole, summary=summary)), tuple(sources), found.parts)
     if directory is not None:
-        made.write(directory)
-    return made
+        result.write(directory)
+    return result
 
 
 def names_of(stem: str) -> dict[str, str]:
-    """The files' names of the pictures."""
+    """The file names of the pictures."""
     return {"run": f"{stem}.png", **{name: f"{stem}-{name}.png" for name in ("scene", "link", "servo")}}
 
 
@@ -112,6 +110,6 @@ def source_of(file: Path, recording: Recording) -> ReportSource:
 
 
 def _legible(recording: Recording) -> Recording:
-    """A recording whose texts are safe to show, whoever wrote them."""
+    """The recording with texts that are safe to show, whatever their origin."""
     events = [event._replace(kind=legible(event.kind), text=legible(event.text)) for event in recording.events]
     return replace(recording, meta=legible(recording.meta), summary=legible(recording.summary), events=events)

@@ -1,6 +1,6 @@
-"""The figure that people look at first after a run: three or four panels against time.
+"""The main figure of a run: three or four panels over time.
 
-It stands in a notebook too (`html`), and `replay_figure` draws a replay beside its original.
+`html` shows it in a notebook, and `replay_figure` draws a replay together with its original.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_POINTS = 20000  # a curve keeps at most about this many: more than print can resolve, and enough to zoom in
+_POINTS = 20000  # the largest number of points of a curve: more than print can resolve, and enough to zoom in
 _TITLE = 300  # letters of a title's part: a link's words are shorter
-# device, proxy (or world), and a thinner third: they differ in dash and grey value as well as in hue
+# device, proxy (or world), and a thinner third curve, which differ in dash and grey value as well as in hue
 _DEVICE: dict[str, Any] = {"color": DEVICE_COLOR, "linestyle": "-"}
 _WORLD: dict[str, Any] = {"color": WORLD_COLOR, "linestyle": (0, (5, 1.5))}
 _THIRD: dict[str, Any] = {"color": "0.35", "linestyle": (0, (1, 1.2)), "linewidth": 0.8}
 
 
 def figure(recording: Recording, *, titled: bool = True) -> Figure:
-    """Positions, forces, reservoirs (of couplings that have them) and passivity margin against time, 180 mm wide; of a
+    """Positions, forces, reservoirs (of couplings that have them) and passivity margin over time, 180 mm wide; for a
     tool that turns, rotation and torque too.
 
-    With several axes, positions and forces are drawn along one, which the labels name: the axis with the largest mean
-    contact force or, if there was no contact, the axis along which the device moved most. The path in the plane is
-    added for the scene ``paper``, and whenever the device moves along two axes. titled : the settings and the verdict
-    stand above it, for a figure that stands alone.
+    With several axes, positions and forces are drawn along a single axis, which the labels name: the axis with the
+    largest mean contact force or, if there was no contact, the axis along which the device moved most. The path in the
+    plane is added for the scene ``paper``, and whenever the device moves along two axes. titled : put the settings and
+    the verdict above the figure, if it is used alone.
     """
     require("report", "a figure")
     point = of_point(recording)
@@ -68,8 +68,8 @@ def figure(recording: Recording, *, titled: bool = True) -> Figure:
     ratios = [1.25, 1.0] * len(seen) + [0.9, 0.9][not full :]
     with sheet(40 * (len(ratios) + 1) + (0 if plane is None else 80)) as fig:
         if titled:
-            reported = recording.summary if recording.summary is not None else from_recording(recording)  # a torn file
-            headed(fig, _settings(recording), verdict(reported), letters=100)
+            summary = recording.summary if recording.summary is not None else from_recording(recording)  # a torn file
+            headed(fig, _settings(recording), verdict(summary), letters=100)
         rows = len(ratios)
         ratios += [] if plane is None else [1.7]
         grid = fig.add_gridspec(len(ratios), 1, height_ratios=ratios)
@@ -160,10 +160,10 @@ def _margins(panel: Axes, recording: Recording) -> None:
 
 
 def _margin_words(recording: Recording) -> str:
-    """The most energy that ever came out, and the margin at the end."""
+    """The most energy that came out, and the margin at the end."""
     theorem = read(recording.summary)["theorem"]
-    reported = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
-    parts = [f"{millijoule(value)} mJ {words}" for words, value in reported.items() if value is not None]
+    energies = {"came out": theorem["energy_out_J"], "at the end": theorem["margin_end_J"]}
+    parts = [f"{millijoule(value)} mJ {words}" for words, value in energies.items() if value is not None]
     return f" ({', '.join(parts)})" if parts else ""
 
 
@@ -190,7 +190,7 @@ def _curve(panel: Axes, columns: Columns, values: NDArray[np.float64], label: st
 
 
 def _envelope(values: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices to draw: all or, for a long curve, those of the smallest and the largest value of each short stretch."""
+    """Indices to draw: all or, for a long curve, of the smallest and the largest value in each short stretch."""
     if len(values) <= _POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), _POINTS // 2)
@@ -207,7 +207,7 @@ def _shade_contact(panel: Axes, world: Columns | None) -> None:
 
 
 def _silences(recording: Recording) -> list[tuple[float, float]]:
-    """Begin and end [s] of each silence of a side; one that did not end lasts until the recording's end."""
+    """Begin and end [s] of each silence of a side; a silence without an end lasts until the recording's end."""
     origin_ns = int(recording.meta.get("origin_ns", 0))
     ends = [float(c["time_s"][-1]) for c in (recording.device, recording.world) if c is not None]
     since: dict[str, float] = {}
@@ -239,7 +239,7 @@ def _main_axis(recording: Recording) -> int:
 
 
 def _plane(recording: Recording, axis: int) -> tuple[int, int] | None:
-    """The plane of the drawn path; with three axes it is normal to the main axis. None: the motion is along a line."""
+    """The plane of the drawn path, with three axes normal to the main axis. None: the motion is along a line."""
     columns = recording.device if recording.device is not None else recording.world
     if columns is None or (n := columns["position_m"].shape[1]) < 2:
         return None
@@ -258,7 +258,7 @@ def _coupling(recording: Recording) -> Any:
 
 
 def _received(recording: Recording) -> bool:
-    """Whether the spring is tied to the received position, without modulation. So it is where the world has no law."""
+    """Whether the spring is tied to the received position, without modulation, as the world has no law."""
     spec = known_coupling(_coupling(recording))
     return spec is not None and "world" in spec.set_positions
 
@@ -274,7 +274,7 @@ def _turns(recording: Recording, axis: int) -> bool:
 
 
 def _along(recording: Recording, axis: int, unit: str) -> str:
-    """Which axis it is, if there are several, and the unit."""
+    """The name of the axis, if there are several, and the unit."""
     columns = recording.device if recording.device is not None else recording.world
     n = 1 if columns is None else columns["position_m"].shape[1]
     how = "about" if _turns(recording, axis) and n <= 3 else "along"
@@ -288,10 +288,10 @@ def _settings(recording: Recording) -> str:
     links = summary["links"]
     up, down = (None if (link := links[direction]) is None else link["profile"] for direction in DIRECTIONS)
     up, down = up or get(meta, "links", "up"), down or get(meta, "links", "down")
-    asked = {"link": up} if up == down else {"uplink": up, "downlink": down}
-    words = [f"{name}: {str(profile)[:_TITLE]}" for name, profile in asked.items() if profile is not None]
-    for name, reported in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
-        value = meta.get(name) if reported is None else reported
+    profiles = {"link": up} if up == down else {"uplink": up, "downlink": down}
+    words = [f"{name}: {str(profile)[:_TITLE]}" for name, profile in profiles.items() if profile is not None]
+    for name, known in (("coupling", summary["coupling"]), ("seed", summary["seed"])):
+        value = meta.get(name) if known is None else known
         words += [] if value is None else [f"{name}\N{NO-BREAK SPACE}{str(value)[:_TITLE]}"]
     return ", ".join(words)
 
@@ -302,7 +302,7 @@ def _minimum(values: NDArray[np.float64]) -> float:
 
 
 def replay_figure(original: Recording, again: Recording) -> Figure:
-    """The device's position and the force on it, the original dashed, along the axis that moved most."""
+    """The device's position and the force on it, with the original dashed, along the axis of the largest motion."""
     original, again = of_point(original), of_point(again)
     assert original.device is not None
     axis = int(np.ptp(original.device["position_m"], axis=0).argmax())
@@ -331,7 +331,7 @@ _COLOURS = {"good": "#116329", "bad": "#a40e26", "unknown": "#7d4e00"}
 
 
 def html(recording: Recording) -> str:
-    """A run with a summary, in a notebook: without the picture where nothing draws (extra `report`)."""
+    """A run with a summary for a notebook; without the picture if matplotlib is not installed (extra `report`)."""
     summary = read(recording.summary)
     style = f"border-left: 0.4rem solid {_COLOURS[outcome(summary)]}; padding-left: 0.6rem; font-weight: 600"
     lines = [element("li", line) for line in brief(summary)]

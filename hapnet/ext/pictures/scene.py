@@ -1,7 +1,7 @@
 """The figure of a scene: its solids and bodies, and the paths of device and proxy around them.
 
-What moves is drawn where it was when the force was largest, with the contacts of that moment, and faintly where it was
-at other times: at the start and at the end, and of few bodies also between.
+Moving bodies are drawn at the time of the largest force, with the contacts of that moment, and faintly at other times:
+at the start and at the end, and if there are few bodies also in between.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_TRIANGLES = 40_000
-"""Of a larger mesh only the corners are drawn."""
+"""A mesh with more triangles is drawn as its corners only."""
 
 _MOST_POINTS = 4000
 _FAR_M = 0.5
@@ -40,7 +40,7 @@ _RED, _AMBER = "#b91c1c", "#d97706"
 def scene_figure(recording: Recording) -> Figure | None:
     """Solids, bodies, an arm's links and paths in 3-D, 180 mm wide.
 
-    None: nothing is known of how the scene looks, or it has fewer axes and nothing moves.
+    None: the scene's parts are not known, or it has fewer axes and nothing moves.
     """
     recording = of_point(recording)
     device, world, arm = recording.device, recording.world, ArmPicture.of(recording.meta)
@@ -59,7 +59,7 @@ def scene_figure(recording: Recording) -> Figure | None:
             np.array([arm.tip(position) for position in columns["position_m"][:: _every(columns)].tolist()])
             for columns in (device, world)
         )
-        force = np.zeros_like(proxy)  # torques have no place
+        force = np.zeros_like(proxy)  # torques at joints are not drawn
     else:
         hand, proxy, force = (
             np.pad(columns[name], ((0, 0), (0, 3 - columns[name].shape[1])))  # three axes
@@ -86,8 +86,8 @@ def scene_figure(recording: Recording) -> Figure | None:
             _contacts(axes, peak.contacts())
         _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
-        when = ", the bodies where they were when the force was largest" if moves or arm is not None else ""
-        name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as it was asked for
+        when = ", with the bodies at the time of the largest force" if moves or arm is not None else ""
+        name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as the user has given it
         headed(fig, f"Scene {name}: the paths of device and proxy{when}", letters=100)
     return fig
 
@@ -97,7 +97,7 @@ def _every(columns: Columns) -> int:
 
 
 def _arm_at(arm: ArmPicture, recording: Recording) -> tuple[list[Part], list[Part]]:
-    """The arm where the force was largest, and its links at other times."""
+    """The arm's links at the time of the largest force, and at other times."""
     device = recording.device
     assert device is not None
     top = int(np.linalg.norm(device["force_N"], axis=1).argmax())
@@ -119,13 +119,13 @@ def _moved(part: Part, poses: Array) -> Part:
 
 
 def _parts(recording: Recording) -> tuple[Part, ...]:
-    """As recorded; of an older recording, and of a scene that is too large to be sent, from its text."""
-    reported = () if recording.drawing is None else unpack(recording.drawing.data)
-    return reported or parts_of_words(get(recording.meta, "scene"))
+    """The parts from the recording or, for an old recording or a scene too large to be sent, from the scene's text."""
+    recorded = () if recording.drawing is None else unpack(recording.drawing.data)
+    return recorded or parts_of_words(get(recording.meta, "scene"))
 
 
 def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample | None, list[SceneSample]]:
-    """The scene when the force was largest, and at other times."""
+    """The scene at the time of the largest force, and at other times."""
     if not scene:
         return None, []
     top = int(np.linalg.norm(world["contact_force_N"], axis=1).argmax())
@@ -136,7 +136,7 @@ def _moments(scene: Sequence[SceneSample], world: Columns) -> tuple[SceneSample 
 
 
 def _placed(parts: Sequence[Part], moment: SceneSample | None) -> list[Part]:
-    """The parts where their bodies were."""
+    """The parts at the places of their bodies."""
     if moment is None:
         return list(parts)
     poses, soft, placed = moment.bodies(), moment.vertices(), []
@@ -150,7 +150,7 @@ def _placed(parts: Sequence[Part], moment: SceneSample | None) -> list[Part]:
 
 
 def _near(path: Array, parts: Sequence[Part]) -> list[Part]:
-    """Without the bodies that have left: one that fell off a table is soon far away."""
+    """The parts without bodies that are far away, such as a body that fell off a table."""
     middle = path.mean(axis=0)
     return [part for part in parts if part.body == RESTS or np.abs(part.vertices - middle).max() < _FAR_M]
 
@@ -168,9 +168,9 @@ def _turn(quaternion: Array) -> Array:
 
 
 def _surfaces(axes: Any, parts: Sequence[Part], opacity: float, zorder: int) -> None:
-    """All triangles in one collection, so that they are sorted by depth; of too many only their corners.
+    """Draw all triangles in one collection, so that they are sorted by depth; of too many, only their corners.
 
-    What rests is drawn before what moves, since a table's triangles are too large to be sorted.
+    Parts at rest are drawn before moving parts, as a table's triangles are too large to be sorted.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -192,7 +192,7 @@ def _surfaces(axes: Any, parts: Sequence[Part], opacity: float, zorder: int) -> 
 
 
 def _contacts(axes: Any, touches: Sequence[Touch]) -> None:
-    """Each contact's friction cone, as high as the normal force is long, and its force in it."""
+    """Draw each contact's friction cone, as high as the normal force is long, and the force in it."""
     top_N = np.linalg.norm(sum((np.array(touch.force_N) for touch in touches), np.zeros(3)))
     force_label, cone_label = f"the largest force, {top_N:.2g} N", "its friction cone"
     for touch in touches:
@@ -219,7 +219,7 @@ def _path(axes: Any, position: Array, color: str, label: str) -> None:
 
 
 def _frame(axes: Any, points: Array, azimuth: float) -> None:
-    """All of it, the same scale along all axes; a long box is drawn smaller, so that its labels have room."""
+    """Fit the axes to all points, with the same scale; a long box is drawn smaller, to leave space for its labels."""
     low, high = points.min(axis=0) * _MM, points.max(axis=0) * _MM
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
@@ -231,6 +231,6 @@ def _frame(axes: Any, points: Array, azimuth: float) -> None:
 
 
 def _seen_from(force: Array) -> float:
-    """From the side of the mean contact force, so that no solid hides the contact [degrees]."""
+    """The azimuth of the camera [degrees], on the side of the mean contact force, so that it is not hidden."""
     x, y, _ = force.sum(axis=0)
     return float(np.degrees(np.arctan2(y, x))) + 35.0 if x or y else -60.0

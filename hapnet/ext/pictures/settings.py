@@ -22,7 +22,7 @@ from hapnet.summary.words import get
 class Setting(NamedTuple):
     """A parameter's value. `default` is empty if the value is the default, or if the parameter is unknown.
 
-    source : what set it (`hapnet.param_sources`); empty if nothing did, or if the recording does not say.
+    source : the source of the value (`hapnet.param_sources`); empty if nothing set it, or if it is not recorded.
     """
 
     name: str
@@ -33,14 +33,14 @@ class Setting(NamedTuple):
 
 
 class SuggestedCommand(NamedTuple):
-    """A command to type, and what it does."""
+    """A command to type, and its purpose."""
 
     purpose: str
     line: str
 
 
 def settings(recording: Recording) -> list[Setting]:
-    """All parameters in the recording, in the order of `--show-params`; two values where the sides differ."""
+    """All parameters in the recording, in the order of `--show-params`; two values if the sides differ."""
     sides = [_flat(part) for part in _parts(recording).values()]
     sources = [part for part in _sources(recording).values() if isinstance(part, Mapping)]
     defaults = {name: (value, meaning) for name, value, meaning in Params().described()}
@@ -65,12 +65,12 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[SuggestedComma
     if (params := _params(recording)) is not None:
         virtual = recording.meta.get("clock") == "virtual"
         live = params.operator == LIVE
-        if live:  # the command line cannot ask for a live hand, and such a run has no end
-            asked = params.unset("operator", "duration_s")
-            found.append(SuggestedCommand("The same settings, with your own hand", _line("play", recording, asked)))
+        if live:  # these are no parameters of `hapnet play`
+            playing = params.unset("operator", "duration_s")
+            found.append(SuggestedCommand("The same settings, with your own hand", _line("play", recording, playing)))
         if is_simulated(params.hardware) and not live:
             servo = params.device.servo if virtual or params.device.servo != "auto" else "sampled"
-            what = "The same, to the last digit" if virtual else "The same settings in virtual time"
+            what = "The same run, to the last digit" if virtual else "The same settings in virtual time"
             sampled = params if servo == params.device.servo else params.set({"device.servo": servo})
             found.append(SuggestedCommand(what, _line("simulate", recording, sampled)))
         if not virtual and not live:
@@ -82,7 +82,7 @@ def commands(recording: Recording, files: Sequence[Path]) -> list[SuggestedComma
 
 
 def of_side(recording: Recording, side: str) -> Mapping[str, Any]:
-    """Return the figures that the device's or the world's process wrote about itself."""
+    """Return the metadata of the device's or the world's process."""
     found: Mapping[str, Any] = get(recording.meta, "sides", side) or recording.meta
     return found
 
@@ -94,7 +94,7 @@ def _parts(recording: Recording) -> dict[str, Any]:
 
 
 def _sources(recording: Recording) -> dict[str, Any]:
-    """The sources of each process's parameters, as `_parts` has these; none in an older recording."""
+    """The sources of each process's parameters, in the form of `_parts`; an old recording has none."""
     parts = {side: get(recording.meta, "sides", side, "sources") for side in ("device", "world")}
     return {side: part for side, part in parts.items() if part} or {"": get(recording.meta, "sources")}
 

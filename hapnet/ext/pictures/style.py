@@ -1,4 +1,4 @@
-"""How all figures look: for print, 180 mm wide, text of 8 points and more; and how they are written to files."""
+"""The style of all figures (for print, 180 mm wide, text of 8 points and more), and functions that write them."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MM = 1 / 25.4
-"""In inches, which matplotlib wants."""
+"""A millimetre in inches, matplotlib's unit."""
 
 WIDTH_MM = 180.0
 
 DEVICE_COLOR, WORLD_COLOR = "#08306b", "#e6550d"
 
-# Okabe and Ito's colours, which colour-blind people can distinguish
+# Okabe and Ito's colours, which colour-blind people can tell apart
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
 
 NOT_PASSIVE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch": "////", "lw": 0, "zorder": 0}
-"""The part of a panel where no passive coupling is."""
+"""The style of the part of a panel in which a coupling is not passive."""
 
 STYLE: dict[Any, Any] = {  # Any: matplotlib types its keys as literals
     "font.size": 8.0,
@@ -46,7 +46,7 @@ STYLE: dict[Any, Any] = {  # Any: matplotlib types its keys as literals
 def sheet(
     height_mm: float, width_mm: float = WIDTH_MM, layout: Literal["constrained"] | None = "constrained"
 ) -> Iterator[Figure]:
-    """An empty figure; what is drawn while it is open has the common style."""
+    """A context with an empty figure, in which everything is drawn in the common style."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -58,13 +58,13 @@ def sheet(
 
 
 def headed(fig: Figure, *paragraphs: str, letters: int = 105, **more: Any) -> None:
-    """The title of a whole figure, in lines of so many letters; a no-break space keeps two words in a line."""
+    """Put a title above a figure, in lines of at most `letters`; a no-break space keeps two words in a line."""
     lines = [line for paragraph in paragraphs for line in textwrap.wrap(paragraph, letters)]
     fig.suptitle("\n".join(lines).replace("\N{NO-BREAK SPACE}", " "), fontsize=9, parse_math=False, **more)
 
 
 def legend_above(panel: Axes, **style: Any) -> None:
-    """A panel's legend above it, where it cannot cover data; none if nothing has a label."""
+    """Put a panel's legend above it, where it cannot cover data; no legend if nothing has a label."""
     handles, labels = panel.get_legend_handles_labels()
     if handles:
         usual = {"ncols": len(handles), "fontsize": 8, "borderaxespad": 0.1}
@@ -72,7 +72,7 @@ def legend_above(panel: Axes, **style: Any) -> None:
 
 
 def log_ticks(axis: Any, low: float, high: float) -> None:
-    """Plain numbers on a logarithmic axis from `low` to `high`; where there is room also at 2 and 5 of each decade."""
+    """Put plain numbers on a logarithmic axis from `low` to `high`; over few decades also at 2 and 5 of each decade."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
@@ -81,7 +81,7 @@ def log_ticks(axis: Any, low: float, high: float) -> None:
 
 
 def also_to(fig: Figure, file: str | os.PathLike[str] | None) -> Figure:
-    """`fig`, which is also written to `file` (.png, .pdf, .svg), if that is given."""
+    """Return `fig`, after writing it to `file` (.png, .pdf, .svg), if given."""
     if file is not None:
         with complete_or_absent(Path(file), "figure") as part:
             fig.savefig(part, format=Path(file).suffix.removeprefix(".") or None)
@@ -96,7 +96,7 @@ def png(fig: Figure) -> bytes:
 
 
 def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
-    """Write `data`. Raises `RecordingError` if it cannot be written; the message calls it `what`."""
+    """Write `data`. Raises `RecordingError` if it cannot be written; `what` is its name in the message."""
     with complete_or_absent(Path(path), what) as part:
         part.write_bytes(data)
 

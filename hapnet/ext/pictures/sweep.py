@@ -1,4 +1,4 @@
-"""Figures of a sweep: a heat map along two axes, or a line with quartiles along one."""
+"""Figures of a sweep: a heat map along two axes, or a line with quartiles along a single axis."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-_WRITTEN = 150  # cells that have room for a figure
+_WRITTEN = 150  # the largest number of cells that have space for a figure
 _TICKS = {"x": 10, "y": 16}
 _LABEL = 28  # letters of a tick's line
 _LINES = 3
 _FAILED: dict[str, Any] = {"color": "#cb181d", "fontweight": "bold"}
 _BAD = "#e31a1c"
 _NOT_PASSIVE: dict[str, Any] = {"edgecolor": "black", "hatch": "xxx", "linewidth": 2.0, "zorder": 3}
-"""A style that stands out on any colour, and in grey."""
+"""A style that is visible on any colour, and in grey."""
 _NOT_PASSIVE_POINT: dict[str, Any] = {
     "marker": "X", "markersize": 11, "color": _BAD, "markeredgecolor": "black", "linestyle": "none", "zorder": 5,
 }  # fmt: skip
@@ -68,15 +68,15 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
     values = np.full(shape, np.nan)
     for (i, j), figure in figures.items():
         values[j, i] = figure
-    reported = _shows_passivity(grid.metric)
-    signed = reported and grid.metric != USUAL  # a margin or a slack
+    passivity = _shows_passivity(grid.metric)
+    signed = passivity and grid.metric != USUAL  # a margin or a slack
     bad = {
         place
         for place, cell in grid.cells.items()
         if cell.not_passive or (signed and min(cell.values, default=0.0) < -ROUNDING_J)
     }
     shown = values.copy()
-    if reported:  # one bad cell would use up the range of colours, so the colours are for the others
+    if passivity:  # a single bad cell would take the whole range of colours, so the colours are for the other cells
         for i, j in bad:
             shown[j, i] = np.nan
     norm, colours = _colours(shown)
@@ -91,7 +91,7 @@ def _draw_map(fig: Figure, panel: Axes, grid: Grid, figures: dict[tuple[int, int
             cell = grid.cells.get((i, j), Cell())
             figure = values[j, i]
             if (i, j) in bad:
-                _mark_not_passive(panel, i, j, figure, written, fill=reported)
+                _mark_not_passive(panel, i, j, figure, written, fill=passivity)
             elif np.isnan(figure):
                 panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, **_EMPTY))
             elif written:
@@ -124,7 +124,7 @@ def _shows_passivity(metric: str) -> bool:
 
 def _mark_failed(panel: Axes, i: int, j: int, failed: int, written: bool, *, alone: bool) -> None:
     if not written:
-        for colour, width in (("white", 2.2), (_FAILED["color"], 1.0)):  # on whatever colour the cell has
+        for colour, width in (("white", 2.2), (_FAILED["color"], 1.0)):  # visible on any colour
             panel.plot(i, j, marker="x", markersize=3.5, markeredgewidth=width, color=colour)
     else:
         box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
@@ -173,7 +173,7 @@ def _draw_line(
 
 
 def _colours(values: NDArray[np.float64]) -> tuple[Normalize, str]:
-    """Two colours that meet at zero, if there are values on both sides of it."""
+    """The range and map of colours: two colours that meet at zero, if there are values on both sides of it."""
     from matplotlib.colors import Normalize, TwoSlopeNorm
 
     known = values[np.isfinite(values)]
@@ -199,7 +199,7 @@ def _scale_ticks(norm: Normalize) -> list[float] | None:
 
 
 def _ticks(panel: Axes, axis: GridAxis, which: str) -> None:
-    """One tick per cell; of many cells every second, third, ..."""
+    """Put a tick at each cell, or with many cells at every second, third, ..."""
     every = max(1, -(-len(axis.values) // _TICKS[which])) if axis.numeric else 1
     width = _LABEL if which == "y" else max(8, 84 // len(axis.values))
     words = ["\n".join(textwrap.wrap(word, width, max_lines=_LINES, placeholder=" …")) for word in axis.words[::every]]
@@ -243,17 +243,17 @@ def _title(grid: Grid, what: str, where: Sequence[str], name: str) -> str:
 
 
 def _extremes(grid: Grid, figures: dict[tuple[int, int], float], label: str) -> str:
-    """Where the smallest and the largest figure are, if they differ."""
+    """The smallest and the largest figure with their places, if they differ."""
     if not figures:
         return ""
     unit = label.partition(" [")[2].rstrip("]")
     if min(figures.values()) == (same := max(figures.values())):
         return f"{same:.3g} {unit}".rstrip() + " everywhere" if len(figures) > 1 else ""
 
-    def reported(word: str, place: tuple[int, int]) -> str:
+    def described(word: str, place: tuple[int, int]) -> str:
         axes = [(grid.x, place[0])] + ([] if grid.y is None else [(grid.y, place[1])])
         at = ", ".join(f"{axis.name} {axis.words[index]}" for axis, index in axes)
         return f"{word} {figures[place]:.3g} {unit}".rstrip() + f" at {at}"
 
     least, most = min(figures, key=figures.__getitem__), max(figures, key=figures.__getitem__)
-    return f"{reported('least', least)}; {reported('most', most)}"
+    return f"{described('least', least)}; {described('most', most)}"

@@ -1,4 +1,4 @@
-"""The figure of a tuning: the objective from trial to trial, and over each parameter that was searched."""
+"""The figure of a tuning: the objective over the trials, and over each searched parameter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _COLUMNS = 3
 _EDGE = 0.04  # of a range, on both sides of it
 _TOP_MM, _CELL_MM = 62.0, 46.0
-_SPREAD = 4.0  # trials that are further from the best than this many times the median's distance are drawn at the edge
+_SPREAD = 4.0  # the range of the objective's axis, from the best trial, as a multiple of the median's distance
 _BROKEN: dict[str, Any] = {"marker": "x", "s": 18, "linewidths": 0.9, "zorder": 2}
 _ALLOWED: dict[str, Any] = {"marker": "o", "s": 18, "zorder": 3}
 _BEST: dict[str, Any] = {
@@ -31,9 +31,9 @@ _LINE: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.2, "drawstyle": "st
 
 
 class Trials(NamedTuple):
-    """The trials of a search in their order: objectives (N,), NaN if not finite, and which keep all constraints.
+    """The trials of a search in order: objectives (N,), NaN if not finite, and which keep all constraints.
 
-    best : the number of the one that was chosen. default : the defaults' objective, NaN if it is not finite.
+    best : the number of the chosen trial. default : the defaults' objective, NaN if it is not finite.
     """
 
     objective: Array
@@ -43,7 +43,7 @@ class Trials(NamedTuple):
 
 
 class Slice(NamedTuple):
-    """A parameter that was searched, between `low` and `high` or among `choices`, whose values are their indices.
+    """A searched parameter, between `low` and `high` or among `choices`, with indices as values.
 
     values : (N,) of the trials. default : None if it is not in the range.
     """
@@ -116,7 +116,7 @@ def _draw_slice(panel: Axes, trials: Trials, one: Slice) -> None:
 
 
 def _points(panel: Axes, trials: Trials, x: Any) -> None:
-    """Trials as marks: those that break a constraint as crosses, later ones darker."""
+    """Draw trials as marks: crosses if they break a constraint, and darker if they are later."""
     order, allowed = np.arange(len(x)), trials.allowed
     ends: dict[str, Any] = {"vmin": 0, "vmax": max(1, len(x) - 1), "cmap": "viridis_r"}
     for mask, style, label in (
@@ -128,7 +128,7 @@ def _points(panel: Axes, trials: Trials, x: Any) -> None:
 
 
 def _limit(panel: Axes, costs: list[float]) -> None:
-    """Leave out what is far worse than most, so that differences between good values can be seen."""
+    """Limit the axis to leave out trials that are far worse than most, so that good trials can be told apart."""
     known = np.array([cost for cost in costs if math.isfinite(cost)])
     if not known.size:
         return

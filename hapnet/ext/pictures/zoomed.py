@@ -1,6 +1,6 @@
-"""A figure that a browser can zoom: what matplotlib has drawn, as plotly.js draws it (extra `zoom`).
+"""A figure that can be zoomed in a browser: matplotlib's drawing converted for plotly.js (extra `zoom`).
 
-The figure is drawn once, in `hapnet.ext.pictures.run`: here its lines and areas are read off it.
+The figure is drawn once, in `hapnet.ext.pictures.run`; this module converts its lines and areas.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 _PX_A_POINT = 96 / 72
 _DIGITS = 6
-"""More than a screen shows of a number, however far it is zoomed."""
+"""Significant digits of numbers: more than a screen can resolve at any zoom."""
 
 
 def can_zoom() -> bool:
@@ -31,7 +31,7 @@ def can_zoom() -> bool:
 
 
 def library() -> str:
-    """plotly.js, to stand in a page."""
+    """The source of plotly.js, to put into a page."""
     return files("plotly.package_data").joinpath("plotly.min.js").read_text("utf-8")
 
 
@@ -66,7 +66,7 @@ def zoomed(figure: Figure) -> str:
 
 
 def _traces(panel: Axes) -> Iterator[dict[str, Any]]:
-    """The lines of a panel that are data, and its areas."""
+    """The lines of a panel that show data, and its areas."""
     from matplotlib.colors import to_hex
 
     for line in panel.lines:
@@ -120,7 +120,7 @@ def _shapes(panel: Axes, number: str) -> Iterator[dict[str, Any]]:
 
 
 def _colour(area: Any) -> str:
-    """A translucent colour: what lies below is seen."""
+    """The colour of an area, translucent, so that everything below it is visible."""
     red, green, blue, alpha = np.atleast_2d(area.get_facecolor())[0].tolist()
     return f"rgba({round(255 * red)}, {round(255 * green)}, {round(255 * blue)}, {min(alpha, 0.5):g})"
 

@@ -1,4 +1,4 @@
-"""Where tasks run: in processes of this machine, or on a cluster. A study's runner needs to know no more."""
+"""The places where tasks run, with the same interface: processes of this machine, or a cluster."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ TaskOutcome = EndedTask[Task, list[CaseResult]]
 
 
 class Backend(Protocol):
-    """Workers. `close` ends those that this process started, even while they work."""
+    """Workers. `close` ends the workers that this process started, even while they run a task."""
 
     @property
     def workers(self) -> int:
-        """How many tasks run at once; the number may change."""
+        """The number of tasks that run at once, which may change."""
 
     @property
     def room(self) -> int:
-        """How many tasks may be submitted now; a few more than run, so that no worker is idle."""
+        """The number of tasks that may be submitted now: a few more than run at once, so that no worker is idle."""
 
     def submit(self, task: Task) -> None: ...
 
@@ -39,7 +39,7 @@ def _work(task: Task, progress: Progress) -> list[CaseResult]:
 
 
 class ThisProcess:
-    """One worker, which is this very process: no other is started, and what it needs is loaded already."""
+    """A single worker, this process itself, so that no process is started and all modules are already loaded."""
 
     workers = 1
 
@@ -60,5 +60,5 @@ class ThisProcess:
 
 
 def few_workers(count: int) -> Backend:
-    """This process, or `count` others: for a program that may have no guard for its main module."""
+    """This process for a `count` of 1, otherwise `count` processes: 1 needs no guard in the program's main module."""
     return ThisProcess() if count == 1 else local_workers(count)

@@ -1,4 +1,4 @@
-"""One case of a study: parameters and a seed, and what was measured (`hapnet.ext.metrics.METRICS`)."""
+"""A case of a study: simulates parameters with a seed, and measures all metrics (`hapnet.ext.metrics.METRICS`)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ from hapnet.summary.verdict import ROUNDING_J
 from hapnet.units import RADIANS
 
 DEADBAND = "wire.deadband"
-"""The deadband's parameter: the reference run over an ideal link has no deadband either."""
+"""The deadband's parameter; the reference run over an ideal link has no deadband."""
 
 _FAST = {"world.step_min_s": 0.001, "world.step_max_s": 0.001}
-"""The steps of a world that is as fast as the servo, in the reference run for walls that rub."""
+"""The steps of a world that is as fast as the servo, in the reference run for walls with friction."""
 
 _REFERENCES = 4
-"""How many reference runs are kept, a few megabytes each: cases that differ only in their link follow each other."""
+"""The number of reference runs that are kept, a few megabytes each; cases that differ only in their link are
+neighbours."""
 
 
 def was_passive(measures: Measures) -> bool:
-    """Whether both ports of a case stayed within d^2, as far as is known, and its coupling kept its claim."""
+    """Whether both ports of a case stayed within d^2, if the margin is known, and its coupling kept its claim."""
     margin = measures.get("margin_J")
     return (margin is None or margin >= -ROUNDING_J) and kept(measures)
 
@@ -40,7 +41,7 @@ def kept(measures: Measures) -> bool:
 
 
 def measure(params: Params, seed: int) -> Measures:
-    """Simulate, and measure every metric. Each tick is recorded, whatever `params.record_hz` is.
+    """Simulate, and measure every metric. Each tick is recorded, independent of `params.record_hz`.
 
     "auto" stands for the sampled servo, as on hardware, so that all couplings of a comparison have the same servo.
 
@@ -55,7 +56,7 @@ def measure(params: Params, seed: int) -> Measures:
 
 
 def check(params: Params) -> tuple[str, ...]:
-    """The warnings of a run, without running it. For bad parameters it raises what `measure` raises."""
+    """The warnings of a run, without running it. Raises as `measure` for bad parameters."""
     return Simulation(_studied(params)).setup.warnings
 
 
@@ -65,10 +66,10 @@ def measures(run: Measured) -> Measures:
 
 
 def simulated(params: Params, seed: int) -> Measured:
-    """The run of a case, each tick recorded. Raises InvalidParameter: an axis is not in metres."""
+    """The run of a case, with each tick recorded. Raises InvalidParameter: an axis is not in metres."""
     simulation = Simulation(params.set({"record_hz": params.device.servo_hz}), seed, motion_only=True)
     if RADIANS in simulation.setup.units.split(","):
-        raise InvalidParameter("scene", params.scene, "one whose axes are in metres: what is measured is in mm and N")
+        raise InvalidParameter("scene", params.scene, "one with axes in metres, as metrics are in mm and N")
     return Measured(simulation.setup.params, simulation.run(), simulation.setup.scene)
 
 

@@ -19,7 +19,7 @@ from hapnet.processes.pool import EndedTask, WorkerDied
 from netem.versions import DISTRIBUTION
 
 REACH_S = 5.0
-"""How long a scheduler may take to answer, and to have a worker [s]."""
+"""The time limit for a scheduler to answer, and to have a worker [s]."""
 _LOOK_S = 5.0
 _AHEAD = 2  # tasks per thread: one runs, one waits at the worker
 
@@ -28,8 +28,8 @@ class DaskCluster:
     """The workers of the scheduler at `address`, such as ``tcp://127.0.0.1:8786``.
 
     Raises InvalidParameter: `address` is not an address. MissingLibrary: dask.distributed is not installed.
-    HapnetError: nobody answers there, there is no worker, or a worker has another version of hapnet; from `wait` and
-    `submit`, when the scheduler is gone.
+    HapnetError: no scheduler answers, it has no worker, or a worker has another version of hapnet; from `wait` and
+    `submit`: the connection to the scheduler is lost.
     """
 
     def __init__(self, address: str) -> None:
@@ -40,13 +40,13 @@ class DaskCluster:
         except ImportError:
             raise MissingLibrary("--dask", "distributed", "sweep") from None
         for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # this class reports what matters
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # this class reports the errors itself
         self._address = address
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._tasks: dict[str, tuple[Any, Task]] = {}
         self._threads: dict[str, int] = {}
         try:
-            connect: Any = distributed.Client  # which has no types
+            connect: Any = distributed.Client  # it has no type hints
             self._client = connect(address, timeout=REACH_S, set_as_default=False)
         except (OSError, TimeoutError, RuntimeError):
             raise HapnetError(f"no Dask scheduler answers at {address} within {REACH_S:g} s") from None
@@ -72,7 +72,7 @@ class DaskCluster:
 
     @property
     def threaded(self) -> bool:
-        """Whether a worker has several threads. Python runs only one of them at a time."""
+        """Whether a worker has several threads, of which Python runs only one at a time."""
         return any(threads > 1 for threads in self._threads.values())
 
     def submit(self, task: Task) -> None:
@@ -93,17 +93,17 @@ class DaskCluster:
         return [outcome for outcome in outcomes if outcome is not None]
 
     def close(self) -> None:
-        with suppress(Exception):  # whatever is wrong with the cluster, it is not needed any more
+        with suppress(Exception):  # errors do not matter, as the cluster is not needed any more
             self._client.cancel([future for future, _ in self._tasks.values()], force=True)
         with suppress(Exception):
             self._client.close(timeout=REACH_S)
 
     def _outcome(self, future: Any) -> TaskOutcome | None:
-        """The outcome of a task; None if a worker died before its result was fetched: then the scheduler repeats it."""
+        """The outcome of a task; None if a worker died before its result was fetched, so that the task is repeated."""
         task = self._tasks[future.key][1]
         outcome = None
         if future.status == "finished":
-            with suppress(Exception):  # it was there a moment ago
+            with suppress(Exception):  # the result may have been lost meanwhile
                 outcome = EndedTask(task, future.result(timeout=REACH_S))
         elif future.status == "error":
             outcome = EndedTask(task, None, WorkerDied(_lost(future.exception(timeout=REACH_S))))
@@ -117,18 +117,18 @@ class DaskCluster:
         return outcome
 
     def _check(self) -> None:
-        """Update the list of workers, and check that new ones have this hapnet."""
+        """Update the list of workers, and check that new workers have this version of hapnet."""
         before, self._threads = set(self._threads), dict(self._ask(self._client.nthreads))
         self._looked_s = time.monotonic()
         if not (new := sorted(set(self._threads) - before)):
             return
-        # a library function, which also workers without hapnet have
+        # a library function, as a worker may have no hapnet
         found = self._ask(self._client.run, metadata.version, DISTRIBUTION, workers=new, on_error="return")
         ours = versions()[DISTRIBUTION]
         for worker, theirs in found.items():
             if isinstance(theirs, metadata.PackageNotFoundError):
                 raise HapnetError(f"the Dask worker at {worker} has no hapnet: {DISTRIBUTION} {ours} runs here")
-            if isinstance(theirs, str) and theirs != ours:  # otherwise the worker is gone again
+            if isinstance(theirs, str) and theirs != ours:  # otherwise the worker has ended meanwhile
                 raise HapnetError(f"the Dask worker at {worker} has hapnet {theirs}: {DISTRIBUTION} {ours} runs here")
 
     def _alive(self) -> None:

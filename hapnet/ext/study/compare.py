@@ -1,4 +1,4 @@
-"""Comparisons of couplings: the same links, hands and seeds for each, and the measures over all of these."""
+"""Comparisons of couplings: each with the same links, hands and seeds, and the measures over all of these."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from hapnet.summary.verdict import ROUNDING_J
 
 NAME = "compare"
 LIGHT = "@light"
-"""Suffix of an operator's name: it has a relaxed hand. A firm hand damps what a bad coupling does."""
+"""Suffix of an operator's name that stands for a relaxed hand. A firm hand damps the oscillations of a bad coupling."""
 
 
 def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
-    """The name in ``pspm:rendering=paper``, and the parameters that are set besides; any number may follow.
+    """Split ``pspm:rendering=paper`` into the name and the parameters that are set; any number may follow.
 
-    Raises InvalidParameter: a parameter is set twice. It names `flag`.
+    Raises InvalidParameter: a parameter is set twice; the message names `flag`.
     """
     name, *rest = text.split(":")
     if rest and "=" not in rest[0]:
-        name = f"{name}:{rest.pop(0)}"  # a law of the user's own, module:NAME
+        name = f"{name}:{rest.pop(0)}"  # a user's own law, module:NAME
     settings: dict[str, str] = {}
     for word in rest:
         parameter, equals, value = (part.strip() for part in word.partition("="))
@@ -40,7 +40,7 @@ def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
 
 
 def hand(operator: str) -> tuple[str, dict[str, object]]:
-    """The operator's name in ``press@light:operator_hand.reach_s=0.5``, and the parameters that go with it.
+    """Split ``press@light:operator_hand.reach_s=0.5`` into the operator's name and the parameters that are set.
 
     Raises InvalidParameter: a parameter is set twice.
     """
@@ -50,7 +50,7 @@ def hand(operator: str) -> tuple[str, dict[str, object]]:
 
 
 class Variant(NamedTuple):
-    """One of the compared couplings, with the Weber fraction of its deadband (0: none).
+    """A compared coupling with the Weber fraction of its deadband (0: none).
 
     coupling : its name, and parameters of its own, as `parted` reads them.
     """
@@ -64,7 +64,7 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One run: a variant over a link, under an operator and a seed."""
+    """A run of a comparison: a variant over a link, with an operator and a seed."""
 
     variant: Variant
     link: str
@@ -83,7 +83,7 @@ class ComparedRun:
 
 @dataclass(frozen=True)
 class RunMeasures:
-    """The measures of a case or, in one line, why it failed."""
+    """The measures of a case, or one line with the reason why it failed."""
 
     case: ComparedRun
     measures: Measures | None
@@ -94,10 +94,10 @@ class RunMeasures:
 class Plan:
     """The plan of a comparison.
 
-    params : of all cases, except for what follows.
+    params : of all cases, except for the fields below.
     couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.
-    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by parameters of its own (`hand`).
-    deadbands : each coupling is tried with each of them. extra : further variants of these couplings.
+    operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by the operator's parameters (`hand`).
+    deadbands : tried with each coupling. extra : further variants of these couplings.
     """
 
     params: Params
@@ -112,19 +112,19 @@ class Plan:
     def variants(self) -> list[Variant]:
         """All variants in the order of their couplings, the extra ones included."""
         every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
-        return sorted({*every, *self.extra}, key=lambda one: (self.couplings.index(one.coupling), one.deadband))
+        return sorted({*every, *self.extra}, key=lambda each: (self.couplings.index(each.coupling), each.deadband))
 
     def cases(self) -> list[ComparedRun]:
         """Every case. Cases that differ only in their link are neighbours, as they share a reference run."""
-        alike = [[one for one in self.variants if one.coupling == coupling] for coupling in self.couplings]
+        by_coupling = [[each for each in self.variants if each.coupling == coupling] for coupling in self.couplings]
         return [
             self.case(variant, link, operator, seed)
-            for variants, operator, seed in product(alike, self.operators, self.seeds)
+            for variants, operator, seed in product(by_coupling, self.operators, self.seeds)
             for variant, link in product(variants, self.links)
         ]
 
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> ComparedRun:
-        """One case. Raises InvalidParameter if its parameters do not go together."""
+        """The case with these settings. Raises InvalidParameter if its parameters do not go together."""
         values = self._values(variant, link, operator)
         directions = values.pop(LINK)
         changes = values | {f"link.{direction}": words for direction, words in directions.items()}
@@ -133,7 +133,7 @@ class Plan:
     @property
     def spec(self) -> Spec:
         """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
-        alike: dict[str, list[str]] = {}  # couplings by the parameters that are their own
+        alike: dict[str, list[str]] = {}  # couplings by their own parameters
         for one in self.couplings:
             alike.setdefault(json.dumps(self._own(one, self.couplings, parted)), []).append(one)
         sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
@@ -160,7 +160,7 @@ class Plan:
         return Spec(NAME, fixed, products)
 
     def outcomes(self, rows: Iterable[JournalRow]) -> list[RunMeasures]:
-        """The outcomes of the cases, in their order, from the journal's rows for `spec`. All must have been run."""
+        """The outcomes of the cases, in order, from the journal's rows for `spec`. All cases must have been run."""
         spec, found = self.spec, {row.case.key: row for row in rows}
         digests: dict[tuple[Variant, str, str], str] = {}
         outcomes = []
@@ -169,7 +169,7 @@ class Plan:
             if about not in digests:
                 digests[about] = spec.digest(self._values(*about))
             row = found[f"{digests[about]}-{case.seed}"]
-            measures = {name: row.measures.get(name) for name in METRICS}  # an older journal does not know all
+            measures = {name: row.measures.get(name) for name in METRICS}  # an older journal lacks new metrics
             outcomes.append(RunMeasures(case, measures if row.error is None else None, row.error))
         return outcomes
 
@@ -185,9 +185,9 @@ class Plan:
         }
 
     def _own(self, word: str, every: Sequence[str], read: Callable[[str], tuple[str, Mapping[str, object]]]) -> Values:
-        """The values with this coupling, or operator, of all parameters that are any's own, as `read` finds them.
+        """The values for this coupling or operator of all parameters that any coupling or operator sets (`read`).
 
-        Those that neither it nor the comparison sets are left out.
+        Parameters that neither `word` nor the comparison sets are left out.
         """
         own = read(word)[1]
         names = dict.fromkeys(name for one in every for name in read(one)[1])
@@ -200,8 +200,8 @@ class Plan:
 class Group:
     """The cases of a variant over a link, with one operator or with all (None).
 
-    `spreads` contains the metrics for which at least one case has a value. `passive` and `hand_passive` : in how many
-    cases the two-port margin, and the margin at the hand's port, were not negative. `lost` : the measures of
+    `spreads` contains the metrics for which at least one case has a value. `passive` and `hand_passive` : the number of
+    cases in which the two-port margin, and the margin at the hand's port, were not negative. `lost` : the measures of
     the cases that were not passive.
     """
 
@@ -225,7 +225,7 @@ class Group:
 
 
 def by_hand(outcomes: Iterable[RunMeasures]) -> list[list[Measures]]:
-    """The measures of the cases that did not fail, those of each operator together."""
+    """The measures of the cases that did not fail, in one list for each operator."""
     hands: dict[str, list[Measures]] = {}
     for one in outcomes:
         if one.measures is not None:
@@ -234,7 +234,7 @@ def by_hand(outcomes: Iterable[RunMeasures]) -> list[list[Measures]]:
 
 
 def groups(plan: Plan, outcomes: Sequence[RunMeasures]) -> list[Group]:
-    """The groups: for each link and variant one over all operators and, if there are several, one for each operator."""
+    """The groups: for each link and variant a group over all operators and, if there are several, one for each."""
     each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
     return [
         _group(variant, link, operator, outcomes)
@@ -262,5 +262,5 @@ def _group(variant: Variant, link: str, operator: str | None, outcomes: Sequence
 
 
 def _positive(known: Sequence[Measures], margin: str) -> int:
-    """How many of these margins are not negative, up to rounding."""
+    """The number of cases whose margin is not negative, up to rounding."""
     return sum((value := measures[margin]) is not None and value >= -ROUNDING_J for measures in known)

@@ -1,4 +1,4 @@
-"""`hapnet.compare`: couplings over the same links, with the same hands and seeds, and what was measured."""
+"""`hapnet.compare`: measures couplings over the same links, with the same hands and seeds."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 class Comparison:
     """The result of a comparison.
 
-    plan : what was compared. outcomes : of each case. groups : medians of each coupling over each link, with all
-    operators together (`Group.operator` is None) and, if there are several, with each.
+    plan : of the comparison. outcomes : of each case. groups : medians of each coupling over each link, for all
+    operators together (`Group.operator` is None) and, if there are several, for each.
     """
 
     plan: Plan
@@ -35,9 +35,9 @@ class Comparison:
 
     @classmethod
     def of(cls, plan: Plan, journal: Journal) -> Comparison:
-        """From a journal in which all cases of the plan were run.
+        """The comparison from a journal in which all cases of the plan were run.
 
-        Raises InvalidParameter: no case ran; it says why the first did not.
+        Raises InvalidParameter: all cases failed; the message has the first error.
         """
         outcomes = plan.outcomes(journal.rows())
         if all(one.error is not None for one in outcomes):
@@ -52,16 +52,16 @@ class Comparison:
 
     @property
     def headline(self) -> list[str]:
-        """A line for each coupling that was not passive in all cases, or one that says that all were."""
+        """A line for each coupling that was not passive in all cases, or a single line if all were passive."""
         return tables.headline(self.plan, self.groups)
 
     @property
     def broken(self) -> list[ComparedRun]:
-        """The cases in which a coupling claims to be passive, and was not."""
+        """The cases in which a coupling claims to be passive but was not."""
         return [one.case for one in self.outcomes if one.measures is not None and not kept(one.measures)]
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each case: what it was, whether it was ``passive``, every metric, and why it failed (``error``)."""
+        """A row for each case: its settings, whether it was ``passive``, every metric, and its ``error`` or None."""
         return [
             {
                 **one.case.about,
@@ -73,15 +73,15 @@ class Comparison:
         ]
 
     def medians(self) -> list[dict[str, Any]]:
-        """A row for each of `groups`, with each metric's median, interval and quartiles, as compare.csv has them."""
+        """A row for each of `groups`, with each metric's median, interval and quartiles, as in compare.csv."""
         return tables.as_rows(self.groups)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it, as compare.json has it."""
+        """The whole comparison, as in compare.json."""
         return tables.as_dict(self.plan, self.outcomes, self.groups)
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
-        """Force error and stiffness of each case against the energy that came out; written to `file`, if given."""
+        """The figure of force error and stiffness over the energy that came out; written to `file`, if given."""
         from hapnet.ext.study.figures import tradeoff
 
         return also_to(tradeoff(self.plan, self.outcomes), file)
@@ -108,17 +108,17 @@ def compare(
 
     ``compare(["pspm", "zoh"], ["4g", "leo"])`` runs four cases of 10 s.
 
-    couplings : names; parameters of its own stand behind one (``"pspm:rendering=paper"``). None: all of hapnet's.
-    links : profiles' names, or names and tc-netem's syntax, one text or up and down. None: ideal, lan, 4g and
+    couplings : names, with parameters after colons (``"pspm:rendering=paper"``). None: all of hapnet's couplings.
+    links : profiles' names, or names with tc-netem's syntax, as one text or as up and down. None: ideal, lan, 4g and
         intercontinental.
-    operators : hands, as for `--operator`. None: ``press@light`` or, if nothing is named at all, four of them.
-    seeds : None: 0 alone. deadbands : Weber fractions; each coupling is tried with each.
+    operators : hands, as for `--operator`. None: ``press@light`` or, if no other list is given, four hands.
+    seeds : None: only 0. deadbands : Weber fractions, each tried with each coupling.
     params : of all cases, or changes to the defaults of a comparison (`hapnet.ext.study.plans.BASE`).
-    directory : keeps the results of all cases; the same comparison goes on there. None: they are kept in the result.
+    directory : stores the results of all cases; the same comparison continues there. None: they are not stored.
     workers : processes; 0: one per core. With more than 1 the program needs ``if __name__ == "__main__":``.
 
-    Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed. HapnetError: a case's
-    process died again and again, or nothing can be written.
+    Raises InvalidParameter, netem.NetemError: one line that names the value and what is allowed. HapnetError: the
+    processes cannot run, or `directory` cannot be written.
     """
     (plan,) = plans(
         BASE if params is None else params if isinstance(params, Params) else BASE.set(params),

@@ -1,4 +1,4 @@
-"""The results of a sweep as a table: one row per case, sorted by case, as CSV and Parquet."""
+"""The results of a sweep as a table in CSV and Parquet, with a row for each case, sorted by case."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from hapnet.recording.whole_file import complete_or_absent
 
 NAME = "results"
 TIMING = ("wall_s", "worker")
-"""The last columns; only these differ between two runs of the same sweep."""
+"""The last columns, the only ones that differ between two runs of the same sweep."""
 _WORDS = (LINK, "error", "worker")
 
 Table = dict[str, list[Any]]
-"""Columns by name; None where there is no value."""
+"""Columns by name; None for a missing value."""
 
 
 def table(journal: Journal) -> Table:
-    """The cases that were run, in columns: number, what varies, seed, link, metrics, error, `TIMING`."""
+    """The cases that were run, in columns: number, varied values, seed, link, metrics, error, `TIMING`."""
     rows = [row for row in journal.rows() if row.done]
     metrics = dict.fromkeys(name for row in rows for name in row.measures)
     varied = [name for name in journal.varied if name != LINK]
@@ -38,7 +38,7 @@ def table(journal: Journal) -> Table:
 def write(columns: Table, directory: Path, endings: Iterable[str]) -> list[Path]:
     """Write the table as ``results.csv`` and ``results.parquet``; each file appears only when it is complete.
 
-    Raises RecordingError: one cannot be written.
+    Raises RecordingError: a file cannot be written.
     """
     paths = []
     for ending in endings:
@@ -73,12 +73,12 @@ def _type(name: str, values: list[Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A matrix as JSON, since a cell holds one value; anything else unchanged."""
+    """A matrix as JSON, as a cell holds a single value; any other value unchanged."""
     return json.dumps(value) if isinstance(value, list) else value
 
 
 def _links(journal: Journal, rows: list[JournalRow]) -> list[str]:
-    """Each case's link; as in the spec if the link varies."""
+    """The link of each case, as in the spec if the link varies."""
     known: dict[str, str] = {}
     found = []
     for row in rows:

@@ -1,4 +1,4 @@
-"""The content of the figures of comparisons and tunings; `hapnet.ext.pictures` draws it."""
+"""The content of the figures of comparisons and tunings, which `hapnet.ext.pictures` draws."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHOWN_S = 5.0
 
 
 def traces(plan: Plan, cases: Sequence[ComparedRun]) -> Figure:
-    """The same case for each variant, for the first 5 s.
+    """The figure of the same case for each variant, for the first 5 s.
 
     Drawn along the normal of the wall in which the first variant's device was deepest, or along the first axis.
     """
@@ -39,14 +39,14 @@ def traces(plan: Plan, cases: Sequence[ComparedRun]) -> Figure:
     shown = min(_SHOWN_S, about.params.duration_s)
     title = (
         f"the same hand ({about.operator}) over {about.link}, seed {about.seed}: the first {shown:g} s with each "
-        "coupling; in grey the others"
+        "coupling; the other couplings in grey"
     )
     looks = [_look(plan, case.variant) for case in cases]
     return comparison.traces(title, looks, [_traces(run, direction, shown) for run in runs], shown, surface_mm)
 
 
 def tradeoff(plan: Plan, outcomes: Sequence[RunMeasures]) -> Figure:
-    """True force error and rendered stiffness against the most energy that ever came out of both ports."""
+    """The figure of true force error and rendered stiffness over the most energy that came out of both ports."""
     each = {link: [_of(outcomes, variant, link) for variant in plan.variants] for link in plan.links}
     found = {
         metric: {link: [_points(these, metric) for these in over] for link, over in each.items()}
@@ -58,7 +58,7 @@ def tradeoff(plan: Plan, outcomes: Sequence[RunMeasures]) -> Figure:
 
 
 def story(plan: Plan, outcomes: Sequence[RunMeasures]) -> str:
-    """Describe the figure of all cases in one or two lines: who was passive, and who of them felt most true."""
+    """Describe all cases in one or two lines: which couplings were passive, and the smallest force error among them."""
     lost: dict[str, list[str]] = {}
     errors: dict[str, list[float]] = {}
     for variant in plan.variants:
@@ -83,13 +83,13 @@ def story(plan: Plan, outcomes: Sequence[RunMeasures]) -> str:
 
 
 def tuned(search: Search) -> Figure:
-    """The objective from trial to trial, and over each parameter that was searched. There must be a trial."""
+    """The figure of the objective over the trials, and over each searched parameter. There must be a trial."""
     spec, verdicts, scores = search.spec, search.verdicts(), search.scores
     objective = np.array([v.objective if math.isfinite(v.objective) else math.nan for v in verdicts])
     default = math.inf if scores is None else scores[0].verdicts(spec)[0].objective
     title = f"{spec.name}: {' + '.join(map(str, spec.goal.terms))}"
     if search.best is not None and math.isfinite(default):
-        title += f": {objective[search.best]:.3g} with what was chosen, {default:.3g} with the defaults"
+        title += f": {objective[search.best]:.3g} with the chosen values, {default:.3g} with the defaults"
     slices = [
         tuning.Slice(
             one.name,
@@ -120,7 +120,7 @@ def _some(links: Sequence[str]) -> str:
 
 
 def _points(outcomes: Sequence[RunMeasures], metric: str) -> Points | None:
-    """A variant's cases over a link; None: there are none with energy and value."""
+    """A variant's cases over a link; None: no case has an energy and a value."""
     pairs = [
         (1e3 * out, value, was_passive(m))
         for one in outcomes
@@ -138,7 +138,7 @@ def _out_mJ(outcomes: Sequence[RunMeasures]) -> list[float]:
 
 
 def _bound_mJ(outcomes: Sequence[RunMeasures]) -> float:
-    """d^2 [mJ], which is the same for all cases."""
+    """The bound d^2 [mJ], which is the same for all cases."""
     known = (one.measures for one in outcomes if one.measures)
     bounds = [
         1e3 * (margin + out)

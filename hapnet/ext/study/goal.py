@@ -6,11 +6,11 @@
     objective = { free_rms_mm = 1.0, buzz_N2 = { weight = 10, quantile = 0.9 } }       # a weighted sum of several
     constraints = ["passive", "peak_force_N <= 2", "stiffness_percent >= 90 in 75 %"]  # in every case, or in a share
 
-A metric enters the objective by its cost: itself if lower is better, its negative if higher is better, its distance
-from 0 or 100 if nearer is better. So a quantile above 0.5 looks at the bad cases, whether lower or higher is better.
+A metric enters the objective by its cost: its value if lower is better, its negative if higher is better, its distance
+from 0 or 100 if nearer is better. So a quantile above 0.5 selects the bad cases, whether lower or higher is better.
 
 A miss (`hapnet.ext.metrics.measured`) is the worst value. So is a case without a value if the same case has one with
-other parameters, be it in one trial only; otherwise it has nothing to do with this metric and is left out.
+other parameters, even in a single trial; otherwise the case is left out for this metric.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from hapnet.ext.study.case import Measures, was_passive
 from hapnet.ext.study.spec import known, number
 
 PASSIVE = "passive"
-"""The constraint that a case is passive and its coupling keeps its claim, as `was_passive` says."""
+"""The constraint that a case is passive and its coupling keeps its claim (`was_passive`)."""
 
 Measured = Collection[tuple[str, int]]
-"""(metric, place of the case): where some trial has a value."""
+"""(metric, place of the case) for which some trial has a value."""
 
 _RELATIONS = MappingProxyType({"<=": operator.le, ">=": operator.ge, "<": operator.lt, ">": operator.gt})
 _DIRECTIONS = get_args(Better)
@@ -50,7 +50,7 @@ class Term:
     better: Better = "lower"
 
     def value(self, cases: Sequence[Measures], measured: Measured) -> float:
-        """This part without its weight; infinite if too many cases have no value. 0 if no case is about this metric."""
+        """This part without its weight; infinite if too many cases have no value; 0 if the metric applies to none."""
         values = [value_of(measures, self.metric) for measures in _about(self.metric, cases, measured)]
         costs = [math.inf if value is None or math.isinf(value) else self._cost(value) for value in values]
         return quantile(costs, self.quantile) if costs else 0.0
@@ -78,14 +78,14 @@ class Constraint:
     share: float = 1.0
 
     def holds(self, measures: Measures) -> bool:
-        """Whether it holds in a case. Not in one without a value."""
+        """Whether the constraint holds in a case; False without a value."""
         if self.metric == PASSIVE:
             return was_passive(measures)
         value = value_of(measures, self.metric)
         return value is not None and math.isfinite(value) and bool(_RELATIONS[self.relation](value, self.bound))
 
     def judge(self, cases: Sequence[Measures], measured: Measured) -> Held:
-        """Whether it holds over those of the cases that are about its metric."""
+        """Judge the constraint over the cases to which its metric applies."""
         about = cases if self.metric == PASSIVE else _about(self.metric, cases, measured)
         excesses = sorted(0.0 if self.holds(measures) else self._excess(measures) for measures in about)
         kept = excesses.count(0.0)
@@ -93,7 +93,7 @@ class Constraint:
         return Held(kept, len(about), kept >= needed, excesses[needed - 1] if needed else 0.0)
 
     def _excess(self, measures: Measures) -> float:
-        """By how much a case breaks it, for the search: always above 0, and 1 for as much as the bound itself."""
+        """The amount by which a case breaks it, for the search: above 0, as a share of the bound."""
         if self.metric == PASSIVE:
             return 1.0 + max(0.0, -(measures.get("margin_J") or 0.0))
         value = measures.get(self.metric)
@@ -115,9 +115,9 @@ _WORST = 1e6  # an excess
 
 @dataclass(frozen=True)
 class Held:
-    """A constraint over several cases: it holds in `kept` of the `cases` that are about its metric.
+    """A constraint over several cases: it holds in `kept` of the `cases` to which its metric applies.
 
-    excess : how far it is from being met; 0: it is.
+    excess : the distance from being met; 0: it is met.
     """
 
     kept: int
@@ -142,7 +142,7 @@ class Worth:
 
     @property
     def excess(self) -> float:
-        """How far the values are from being allowed; 0: they are."""
+        """The distance of the values from being allowed; 0: they are allowed."""
         return self.failed * _WORST + sum(one.excess for one in self.held if not one.met)
 
 
@@ -154,20 +154,20 @@ class Goal:
     constraints: tuple[Constraint, ...]
 
     def judge(self, cases: Sequence[Measures], measured: Measured, failed: int = 0) -> Worth:
-        """Return the worth of values that have these measures; `failed` cases have none."""
+        """Return the worth of values with these measures; `failed` : the number of cases without measures."""
         terms = tuple(term.value(cases, measured) for term in self.terms)
         total = math.inf if failed else sum(term.weight * x for term, x in zip(self.terms, terms, strict=True))
         return Worth(total, terms, tuple(one.judge(cases, measured) for one in self.constraints), failed)
 
     @property
     def metrics(self) -> list[str]:
-        """The metrics that it names, in order."""
+        """The metrics in the objective and the constraints, in order."""
         named = [one.metric for one in self.terms] + [one.metric for one in self.constraints]
         return [name for name in dict.fromkeys(named) if name != PASSIVE]
 
 
 def goal_of(objective: object, constraints: object) -> Goal:
-    """The goal as a spec has it. Raises InvalidParameter."""
+    """The goal from the entries of a spec. Raises InvalidParameter."""
     if isinstance(objective, str):
         objective = {objective: 1.0}
     if not isinstance(objective, Mapping) or not objective:
@@ -178,7 +178,7 @@ def goal_of(objective: object, constraints: object) -> Goal:
 
 
 def _about(metric: str, cases: Sequence[Measures], measured: Measured) -> list[Measures]:
-    """Those of the cases in which the metric has a value, here or in another trial."""
+    """The cases in which the metric has a value, here or in another trial."""
     return [m for i, m in enumerate(cases) if value_of(m, metric) is not None or (metric, i) in measured]
 
 

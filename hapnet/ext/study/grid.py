@@ -1,4 +1,4 @@
-"""The results of a sweep along one or two varied parameters: which runs are in each cell."""
+"""Sorts the results of a sweep into cells along one or two varied parameters."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def grid(
 ) -> Grid:
     """The runs of `journal` that match `where`, sorted into cells.
 
-    Without `x` and `y` the axes are the two names with the most values; with `x` alone there is only that axis.
+    Without `x` and `y` the axes are the two names with the most values; with `x` alone `x` is the only axis.
 
     where : values by name. units : of the parameters by name.
 
-    Raises InvalidParameter: the sweep has no such name or value. HapnetError: there is nothing to draw.
+    Raises InvalidParameter: the sweep has no such name or value. HapnetError: no case has a result.
     """
     names = [*journal.varied, SEED]
     for flag, name in (("--x", x), ("--y", y), *(("--where", name) for name in where)):
         if name is not None and name not in names:
-            raise InvalidParameter(flag, name, f"what varies in this sweep: {', '.join(names)}", names)
+            raise InvalidParameter(flag, name, f"a name that varies in this sweep: {', '.join(names)}", names)
     rows = list(journal.rows())
     for name, words in where.items():
         kept = [row for row in rows if _is(name, _value(row, name), words)]
@@ -74,10 +74,10 @@ def _axis(name: str, rows: Iterable[JournalRow], units: Mapping[str, str]) -> Gr
 
 
 def _chosen(axes: Mapping[str, GridAxis], x: str | None, y: str | None) -> tuple[str, str | None]:
-    """The axes to draw: those asked for, otherwise those with the most values; the seed only if nothing else varies."""
+    """The axes to draw: as given, otherwise the names with the most values; the seed only if nothing else varies."""
     if x is not None:
         if x == y:
-            raise InvalidParameter("--y", y, f"one other than --x: {', '.join(name for name in axes if name != x)}")
+            raise InvalidParameter("--y", y, f"another than --x: {', '.join(name for name in axes if name != x)}")
         return x, y
     free = sorted((n for n in axes if n not in (SEED, y)), key=lambda name: -len(axes[name].values))
     most = [name for name in free if len(axes[name].values) > 1] or [SEED]
@@ -95,14 +95,14 @@ def _key(value: Any) -> str:
 
 
 def shown(name: str, value: Any) -> str:
-    """A value as an axis shows it: a number with four digits, a whole number without a point."""
+    """A value as text for an axis: a number with four digits, a whole number without a point."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value_words(name, value)
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _is(name: str, value: Any, text: str) -> bool:
-    """Whether this text, as in an axis or a table, means this value."""
+    """Whether this text, from an axis or a table, stands for this value."""
     return text.strip() in (shown(name, value), value_words(name, value))
 
 

@@ -1,9 +1,8 @@
-"""How stiff and how damped a wall feels at each frequency: a device is moved through a wall, and its force is measured.
+"""Stiffness and damping of a wall at each frequency: a device is moved inside a wall, and its force is measured.
 
-The motion is imposed: the hand is so stiff that the device follows its reference, whatever the coupling does. It goes
-10 mm into the wall and then through a multisine of 2 mm, 0.5 to 20 Hz. Only the device's own position and force are
-used, as on hardware. `hapnet.ext.metrics.impedance` has the sources, `hapnet.ext.study.tool_impedance` the motions of a
-tool.
+The motion is imposed: the hand is so stiff that the device follows its reference with any coupling. It moves 10 mm into
+the wall and then by a multisine of 2 mm, 0.5 to 20 Hz. Only the device's own position and force are used, as on
+hardware. `hapnet.ext.metrics.impedance` has the sources, `hapnet.ext.study.tool_impedance` the motions of a tool.
 """
 
 from __future__ import annotations
@@ -51,21 +50,21 @@ _SIGNAL = multisine(HARMONICS, PERIOD_S, 1.0)
 
 
 def approach(t: float) -> float:
-    """The share of the way in that is gone at t [s]: a minimum-jerk move, then a rest."""
+    """The share of the way into the wall at t [s]: a minimum-jerk move, then a rest."""
     return minimum_jerk(t / _APPROACH_S)
 
 
 def swing(t: float) -> float:
-    """The multisine at t [s], at most 1. It grows over its first period; the periods after that are for measuring."""
+    """The multisine at t [s], at most 1. It grows during its first period; the later periods are measured."""
     since = t - _APPROACH_S - _REST_S
     return minimum_jerk(since / PERIOD_S) * _SIGNAL(since) if since > 0.0 else 0.0
 
 
 class Way(NamedTuple):
-    """A motion that is imposed.
+    """An imposed motion.
 
-    hand : makes it. along : how far the device is on it in a recording (N,) [m or rad], and the force against it
-        (N,) [N or Nm]. truth : the true impedance at a frequency [Hz].
+    hand : makes the motion. along : returns the device's position on the path in a recording (N,) [m or rad], and the
+        force against it (N,) [N or Nm]. truth : returns the true impedance at a frequency [Hz].
     """
 
     hand: Operator
@@ -88,10 +87,10 @@ class Imposed:
 
 @dataclass(frozen=True)
 class Transmission:
-    """The impedance that one run transmitted, the true one at the same frequencies, and where they differ.
+    """The impedance transmitted in a run, the true impedance at the same frequencies, and where the two differ.
 
-    off_3dB_hz : the lowest frequency at which the two are 3 dB apart; None: not up to 20 Hz. turns : is it of
-        a rotation?
+    off_3dB_hz : the lowest frequency at which the two are 3 dB apart; None: not up to 20 Hz. turns : True for
+        a rotation.
     """
 
     lines: tuple[ImpedanceAtFrequency, ...]
@@ -117,7 +116,7 @@ def true_impedance(params: Params, wall: Wall, frequency_hz: float) -> complex:
 
 
 def transmission(params: Params, seed: int, periods: int = 4, motion: str = "") -> Transmission:
-    """Impose the motion on the first wall of the scene, and estimate the impedance over so many periods.
+    """Impose the motion on the first wall of the scene, and estimate the impedance over this number of periods.
 
     The operator and the duration of `params` are not used. Two periods or more also give the estimates' spread.
     motion : of a tool, a name in `hapnet.ext.study.tool_impedance`; empty: into the wall.

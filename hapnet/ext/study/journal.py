@@ -1,7 +1,7 @@
-"""The journal of a sweep or a tuning, one SQLite file: its cases, and the results of those that were run.
+"""The journal of a sweep or a tuning, an SQLite file with its cases and the results so far.
 
 Only the sweep's own process writes it, with several results in a transaction. Whatever ends that process, the file
-holds every committed transaction and nothing of an uncommitted one, and the next process continues from there.
+holds all committed transactions and no part of an uncommitted one, and the next process continues from there.
 
     about (name, value)                                               the spec, its digest, hapnet's versions
     cases (number, key, seed, varied)                                 varied: JSON
@@ -33,7 +33,7 @@ Kind = TypeVar("Kind")
 
 NAME = "journal.sqlite"
 FORMAT = 1
-_WAIT_S = 10.0  # for a figure that is being drawn from the same file
+_WAIT_S = 10.0  # while a figure is drawn from the same file
 _TABLES = """
 CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE cases (number INTEGER PRIMARY KEY, key TEXT UNIQUE NOT NULL, seed INTEGER NOT NULL, varied TEXT NOT NULL);
@@ -48,7 +48,7 @@ _ROWS = (
 
 @dataclass(frozen=True)
 class JournalRow:
-    """A case and its result; `done` is False if it was not run yet."""
+    """A case and its result; `done` is False if the case has not been run yet."""
 
     case: Case
     done: bool
@@ -59,11 +59,11 @@ class JournalRow:
 
 
 class Journal:
-    """An open journal. Use `create_or_resume`, or `look` to read only.
+    """An open journal, from `create_or_resume` or, to read only, from `look`.
 
     Attributes
     ----------
-    fixed, varied : of the spec. versions : of what ran the cases first.
+    fixed, varied : of the spec. versions : of the software that began the journal.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: int | None) -> None:
@@ -80,9 +80,9 @@ class Journal:
 
     @classmethod
     def create_or_resume(cls, directory: Path, spec: Spec, cases: Sequence[Case], *, fresh: bool = False) -> Journal:
-        """The journal of `spec` in `directory`, which must exist; `fresh`: begin a new one in any case.
+        """The journal of `spec` in `directory`, which must exist; `fresh`: always begin a new journal.
 
-        Raises HapnetError: another process runs this sweep, or the journal is of another spec or cannot be used.
+        Raises HapnetError: another process runs this sweep, or the journal has another spec or cannot be used.
         """
         path = directory / NAME
         with ExitStack() as undo:
@@ -102,7 +102,7 @@ class Journal:
 
     @classmethod
     def look(cls, directory: Path) -> Journal:
-        """The journal in `directory`, to read only; the sweep may still run. Raises HapnetError if there is none."""
+        """The journal in `directory`, to read only; its sweep may still run. Raises HapnetError if there is none."""
         path = directory / NAME
         if not path.is_file():
             raise HapnetError(f"no sweep in {directory}: {NAME} is not there")
@@ -112,29 +112,29 @@ class Journal:
         return journal
 
     def count(self) -> tuple[int, int, int]:
-        """How many cases there are, how many were run, and how many of these failed."""
+        """The number of cases, the number of results, and the number of failures among them."""
         with _readable(self.path):
             (cases,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
             done, failed = self._db.execute("SELECT count(*), count(error) FROM results").fetchone()
         return cases, done, failed
 
     def pending(self) -> list[Case]:
-        """The cases without a result, in their order."""
+        """The cases without a result, in order."""
         return [row.case for row in self.rows() if not row.done]
 
     def rows(self) -> Iterator[JournalRow]:
-        """All cases, in their order."""
+        """All cases, in order."""
         with _readable(self.path):
             for found in self._db.execute(f"{_ROWS} ORDER BY number"):
                 yield self._row(found)
 
     def find(self, keys: Sequence[str]) -> list[JournalRow]:
-        """The cases with these keys, in this order. All must be there."""
+        """The cases with these keys, in this order. All must exist."""
         with _readable(self.path):
             return [self._row(self._db.execute(f"{_ROWS} WHERE key = ?", (key,)).fetchone()) for key in keys]
 
     def add(self, cases: Sequence[Case]) -> None:
-        """Add those cases that are not there yet. Their numbers go on from the last one's."""
+        """Add the cases that the journal does not have yet; their numbers continue from the last number."""
         with _readable(self.path), self._db:
             (number,) = self._db.execute("SELECT count(*) FROM cases").fetchone()
             for case in cases:
@@ -148,7 +148,7 @@ class Journal:
             self._db.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
 
     def forget_failed(self) -> int:
-        """Delete the results of failed cases, so that these are run again; returns how many."""
+        """Delete the results of failed cases, so that these are run again; returns the number."""
         with _readable(self.path), self._db:
             return self._db.execute("DELETE FROM results WHERE error IS NOT NULL").rowcount
 
@@ -184,9 +184,9 @@ class Journal:
 
 
 def _is(kind: type[Kind] | tuple[type[Kind], ...], value: object) -> Kind:
-    """The value, which must be of one of these kinds. Raises TypeError."""
+    """Return the value, which must be of one of these types. Raises TypeError."""
     if not isinstance(value, kind):
-        raise TypeError(f"{value!r:.40} is not of the kind that it should be")
+        raise TypeError(f"{value!r:.40} is of a wrong type")
     return value
 
 
@@ -199,7 +199,7 @@ def _measures(tree: object) -> Measures:
 
 
 def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) -> None:
-    """Write tables and cases in one transaction: a journal is whole, or empty."""
+    """Write tables and cases in one transaction, so that a journal is complete or empty."""
     about: dict[str, Any] = {
         "format": FORMAT,
         "name": spec.name,
@@ -218,12 +218,12 @@ def _begin(connection: sqlite3.Connection, spec: Spec, cases: Sequence[Case]) ->
 
 
 def _fingerprint(cases: Sequence[Case]) -> str:
-    """A digest of the cases; their order and wording in the spec do not matter."""
+    """A digest of the cases, independent of their order and wording in the spec."""
     return hashlib.sha256("\n".join(sorted(case.key for case in cases)).encode()).hexdigest()
 
 
 def _open(path: Path, mode: str) -> sqlite3.Connection:
-    """Open with SQLite's rollback journal, fully synced: unlike write-ahead logs it works on network file systems."""
+    """Open with SQLite's rollback journal, fully synced: write-ahead logs do not work on network file systems."""
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=_WAIT_S)
 
 
@@ -240,7 +240,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _lock(directory: Path) -> int:
-    """Lock the directory: one process holds the lock, and the system releases it when that process ends."""
+    """Lock the directory for this process; the system releases the lock when the process ends."""
     path = directory / "lock"
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)

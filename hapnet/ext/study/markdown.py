@@ -1,4 +1,4 @@
-"""The comparison as tables in Markdown, as they stand in comparison.md: `hapnet compare` writes them as compare.md."""
+"""The comparison as tables in Markdown, as in comparison.md; `hapnet compare` writes them to compare.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hapnet.ext.study.statistics import Spread
 from hapnet.ext.study.tables import OUT, headline, rounded
 
 _CELL = (("stiffness_percent", 0), ("true_force_error_percent", 1), ("free_rms_mm", 1), ("drag_N", 2))
-"""What a cell of the first table has after the count of passive cases, and the digits after the point."""
+"""The metrics in a cell of the first table, after the count of passive cases, and their digits after the point."""
 
 _SPREADS = (
     ("stiffness_worst_percent", "worst tenth's stiffness [%]", 1.0, 0),
@@ -121,7 +121,7 @@ def _interval(group: Group, metric: str, factor: float, digits: int) -> str:
 
 
 def _worst(metric: str, spread: Spread) -> float:
-    """The worst value of all cases, by what the metric's definition calls better."""
+    """The worst value of all cases, by the direction in the metric's definition."""
     better = METRICS[metric].better
     if better in ("lower", "higher"):
         return spread.most if better == "lower" else spread.least

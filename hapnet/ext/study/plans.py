@@ -1,4 +1,4 @@
-"""The plans of comparisons: one from the given options, or one for each section of the full set."""
+"""The plans of comparisons: a single plan from the given options, or a plan for each section of the full set."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
 
 BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0}, COMMAND)
-"""All cases have the sampled servo of real hardware, at 1 kHz. At the end the hand holds still: oscillations show."""
+"""The base of all cases: the sampled servo of real hardware, at 1 kHz. At the end the hand holds still, so that
+oscillations show."""
 
 NOTICED = 0.1
-"""The first coupling of the quick set is also tried with this Weber fraction: people notice about a tenth."""
+"""The Weber fraction with which the quick set also tries its first coupling: people notice about a tenth."""
 
 Links = Mapping[str, tuple[str, str]]
-"""Links by name, each with its words for the uplink and for the downlink."""
+"""Links by name, each with the text of the uplink and of the downlink."""
 
 _OWN = {
     "coupling": "--coupling",
@@ -44,15 +45,14 @@ def plans(
     seeds: Sequence[int] | None = None,
     deadbands: Sequence[float] | None = None,
 ) -> dict[str, Plan]:
-    """The plans of a bench (quick, full, or some of its sections) by their sections' names; that of quick has none.
+    """The plans of a bench (quick, full, or some of its sections) by their sections' names; quick has the name "".
 
-    What is named counts for all sections, in place of what they have by themselves. As soon as anything is named, the
-    quick set is no more than that: every coupling and every link that are named (all of the set where none is), with
-    its first hand and seed 0 where these are not.
+    Given values replace those of all sections. If any is given, the quick set is limited to the given couplings and
+    links (all of the set if none is given), with its first hand and seed 0 unless others are given.
 
-    couplings, operators : as `Plan` has them. links, traces : as `links_of` reads them, or links by name.
+    couplings, operators : as in `Plan`. links, traces : as `links_of` reads them, or links by name.
 
-    Raises InvalidParameter, netem.NetemError: in one line, what is wrong and what is allowed.
+    Raises InvalidParameter, netem.NetemError: one line that names the value and what is allowed.
     """
     if params.duration_s <= 0.0:
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
@@ -60,8 +60,8 @@ def plans(
         if params.get(name) != BASE.get(name):
             raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
     names = [name.strip() for name in bench.split(",")]
-    asked = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
-    quick = replace(QUICK, operators=QUICK.operators[:1]) if asked else QUICK
+    given = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
+    quick = replace(QUICK, operators=QUICK.operators[:1]) if given else QUICK
 
     def plan(section: StudySection, extra: tuple[Variant, ...] = ()) -> Plan:
         own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
@@ -78,7 +78,7 @@ def plans(
         )
 
     if names == ["quick"]:
-        return {"": plan(quick, () if asked else (Variant(quick.couplings[0], NOTICED),))}
+        return {"": plan(quick, () if given else (Variant(quick.couplings[0], NOTICED),))}
     names = list(FULL) if names == ["full"] else names
     for name in names:
         if name not in FULL:
@@ -88,7 +88,7 @@ def plans(
 
 
 def _checked(plan: Plan) -> Plan:
-    """The plan, each of whose links and operators can be run."""
+    """Return the plan after a check that each of its links and operators can be run."""
     from hapnet.simulation.simulation import Simulation
 
     _check_words(plan)
@@ -101,7 +101,7 @@ def _checked(plan: Plan) -> Plan:
 
 
 def _check_words(plan: Plan) -> None:
-    """Raises InvalidParameter if a coupling's or an operator's text sets what it may not."""
+    """Raise InvalidParameter if a coupling's or an operator's text sets a parameter that it may not set."""
     from hapnet.couplings.registry import coupling
 
     taken: dict[str, str] = dict(_OWN)
@@ -119,7 +119,7 @@ def _check_words(plan: Plan) -> None:
 
 
 def links_of(given: Sequence[str], traces: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Links by name: profiles, ``NAME=WORDS`` or ``NAME=WORDS|WORDS`` (up|down), and recorded ones.
+    """Links by name: profiles, ``NAME=WORDS`` or ``NAME=WORDS|WORDS`` (up|down), and recorded links.
 
     traces : each ``[NAME=]PATH`` of the delivery opportunities in PATH.up and PATH.down.
     """

@@ -1,4 +1,4 @@
-"""Runs the cases of a journal that have no result, whoever asks: a command, or a function of `hapnet`."""
+"""Runs the cases of a journal that have no result, for commands and for functions of `hapnet`."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from hapnet.processes.pool import usable_cores
 from netem.errors import NetemError
 
 Progress = Callable[[int, int], None]
-"""Called now and then with how many cases are done, and how many there are."""
+"""Called now and then with the number of finished cases and the number of all cases."""
 
 
 @dataclass(frozen=True)
 class Ran:
-    """The state of the cases after a run: their `total`, how many had a result `before`, and how many are `done` now.
+    """The numbers of cases after a run: in `total`, with a result `before`, and `done` now.
 
-    stopped : what ended the run before all were done; None: nothing did.
+    stopped : the exception that ended the run early; None: all cases are done.
     """
 
     total: int
@@ -49,7 +49,7 @@ def run_missing(
 ) -> Ran:
     """Run the cases of `journal` that have no result, on ``backend(number of these cases)``.
 
-    rounds : each step of it may add cases, which are run before the next step. most : so many there may be in the end.
+    rounds : each step may add cases, which are run before the next step. most : the largest final number of cases.
 
     Raises HapnetError: the backend is not available; no case was run.
     """
@@ -78,10 +78,10 @@ def run_missing(
 
 
 def _runs(journal: Journal, count: int) -> Iterator[tuple[Params, float]]:
-    """The parameters of some of the cases without a result, and how many ticks `count` cases have, by these."""
+    """The parameters of some cases without a result, each with its share of the ticks of `count` such cases."""
     some = spread(journal.pending())
     for case in some:
-        with suppress(HapnetError, NetemError):  # such a case has its error as its result
+        with suppress(HapnetError, NetemError):  # the error becomes the result of this case
             params = params_of(journal.fixed, case.given)
             yield params, count / len(some) * params.duration_s * params.device.servo_hz
 
@@ -89,7 +89,7 @@ def _runs(journal: Journal, count: int) -> Iterator[tuple[Params, float]]:
 def run_all(
     journal: Journal, workers: int, progress: Progress | None, rounds: Iterable[object] = (None,), most: int = 0
 ) -> None:
-    """As `run_missing`, for a program: it runs to the end, or raises what stopped it.
+    """As `run_missing`, for a program: run to the end, or raise the exception that stopped the run.
 
     workers : processes; 1: this one, 0: one per core.
     """
@@ -105,11 +105,11 @@ def run_all(
 def journal_in(
     directory: str | PathLike[str] | None, spec: Spec, cases: list[Case], *, fresh: bool = False
 ) -> Iterator[Journal]:
-    """The journal of these cases in `directory`, where a later run goes on; None: it is kept while it is needed.
+    """The journal of these cases in `directory`, from which a later run continues; None: a temporary directory.
 
-    What failed before is run again.
+    Cases that failed before are run again.
 
-    Raises HapnetError: there is another spec's journal, or nothing can be written.
+    Raises HapnetError: the directory has another spec's journal, or cannot be written.
     """
     with TemporaryDirectory(prefix="hapnet-") as passing:
         into = Path(passing if directory is None else directory)

@@ -1,4 +1,4 @@
-"""Runs the cases without a result: groups them into tasks, gives these to workers, writes results to the journal."""
+"""Runs the cases without a result: groups them into tasks, submits these to workers, and stores the results."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from hapnet.ext.study.spec import LINK, Case
 from hapnet.ext.study.task import CaseResult, Task
 
 TASK_S = 1.5
-"""How long a task should take [s]: much longer than handing it out, but not long, as a dead worker loses it."""
+"""The wanted duration of a task [s]: much longer than its submission, but short, as a dead worker loses the task."""
 COMMIT_S = 0.5
-"""How long results wait at most before they are written to the disk [s]."""
+"""The longest time until results are written to the disk [s]."""
 ATTEMPTS = 2
-"""A case whose worker dies is tried again, alone. If the worker dies again, this case is the cause."""
+"""How often a case is tried: if a worker dies, its cases are tried again, each alone, to find the cause."""
 
 TOGETHER = 8
-"""A task takes at most this many cases more if they share its reference run over an ideal link."""
+"""The number of cases by which a task may grow if they share its reference run over an ideal link."""
 
 _WAIT_S = 0.2
 _WEIGHT = 0.3  # of the newest task in the mean time of a case
 
 
 def _reference(case: Case) -> tuple[str, ...]:
-    """Equal for cases that share a reference run over an ideal link.
+    """A key that is equal for cases that share a reference run over an ideal link.
 
     Such cases are run one after the other, so that the reference run is made only once.
     """
@@ -60,7 +60,7 @@ class Sweep:
         self.done: int = journal.count()[1]
 
     def run(self) -> None:
-        """Run all these cases. However this ends, the results of all finished cases are in the journal.
+        """Run all cases. Whatever ends this, the results of all finished cases are in the journal.
 
         Raises HapnetError: the workers or the journal cannot be used any more.
         """
@@ -72,7 +72,7 @@ class Sweep:
                     self._running -= 1
                     self._suspects -= outcome.task.attempt > 0
                     self._take(outcome)
-                self._hand_out()  # before the disk is waited for
+                self._hand_out()  # before the slow write to the disk
                 if self._clock() - self._committed_s >= COMMIT_S:
                     self._commit()
                 self._progress(self.done)
@@ -81,7 +81,7 @@ class Sweep:
 
     def _hand_out(self) -> None:
         room = self._backend.room
-        if self._alone or self._suspects:  # no task must wait at a worker that a suspect may kill
+        if self._alone or self._suspects:  # no task may wait at a worker that a suspect case may kill
             room = min(room, self._backend.workers - self._running)
         for _ in range(room):
             if self._alone:
@@ -96,10 +96,10 @@ class Sweep:
             self._suspects += task.attempt > 0
 
     def _next(self) -> tuple[Case, ...]:
-        """The cases of the next task: for about `TASK_S`, fewer near the end, so that all workers end together.
+        """The cases of the next task: about `TASK_S` of work, less near the end, so that all workers end together.
 
-        Cases with the same reference run stay together, since each worker that needs this run makes it. A few are never
-        split, so that it is made once; many are split near the end, too.
+        Cases with the same reference run stay together, as each worker that needs this run makes it. A small group is
+        never split, so that the run is made once; a large group is split near the end, too.
         """
         share = ceil(len(self._pending) / (2 * max(1, self._backend.workers)))
         size = 1 if self._case_s is None else max(1, min(share, int(TASK_S / max(self._case_s, 1e-6))))

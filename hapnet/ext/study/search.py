@@ -1,10 +1,10 @@
-"""The search of a tuning: which cases are run next, and which values are the best.
+"""The search of a tuning: chooses the cases that are run next, and the best values.
 
-All that is known is in the journal, and what is tried next depends on nothing else but the spec. So a search that was
-stopped is repeated from its beginning; it finds every result there, until it is where it stopped.
+The next values depend only on the journal and the spec. So a search that was stopped is repeated from its beginning,
+and finds every result in the journal until it reaches the point at which it was stopped.
 
-Optuna's own storage cannot do this: it fixes a trial's value when the trial ends, but a later trial may change what
-earlier ones are worth (`judge`). It knows no cases either, so there would be two files that a crash can set apart.
+Optuna's own storage cannot do this: it fixes a trial's value when the trial ends, but a later trial may change the
+worth of earlier trials (`judge`). It has no cases either, so a crash could leave two files that contradict each other.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from hapnet.ext.study.tune_spec import TuneSpec
 
 @dataclass(frozen=True)
 class Trial:
-    """Values of what is searched, and the cases that were run with them."""
+    """Values of the searched parameters, and the cases that were run with them."""
 
     values: Values
     rows: tuple[JournalRow, ...]
 
     @property
     def measures(self) -> list[Measures]:
-        """Of the cases, empty for those that failed."""
+        """The measures of the cases, empty for failed cases."""
         return [row.measures for row in self.rows]
 
     @property
     def failed(self) -> int:
-        """How many cases failed."""
+        """The number of failed cases."""
         return sum(row.error is not None for row in self.rows)
 
 
 class Scores(NamedTuple):
-    """The defaults and the values that were found, on the same cases; `found`: None if nothing was."""
+    """The defaults and the values found, on the same cases; `found`: None if no allowed values were found."""
 
     default: Trial
     found: Trial | None
 
     def verdicts(self, spec: TuneSpec) -> tuple[Worth, Worth | None]:
         """The worth of both on these cases."""
-        known = [one for one in self if one is not None]
-        reported = judge(spec, known)
-        return reported[0], reported[1] if self.found is not None else None
+        known = [trial for trial in self if trial is not None]
+        worths = judge(spec, known)
+        return worths[0], worths[1] if self.found is not None else None
 
 
 class Search:
@@ -58,7 +58,7 @@ class Search:
 
     Attributes
     ----------
-    trials : those that were run so far, in their order. defaults : on the cases to tune and to score on.
+    trials : the trials so far, in order. defaults : the trials with default values on the cases to tune and to score.
     """
 
     def __init__(self, spec: TuneSpec, journal: Journal) -> None:
@@ -69,7 +69,7 @@ class Search:
         self._score: Trial | None = None
 
     def rounds(self) -> Iterator[None]:
-        """At each step the journal's cases without a result must be run before the next step."""
+        """Yield after each addition of cases to the journal; they must be run before the next step."""
         spec, defaults = self.spec, self.spec.defaults
         tuned, scored = base(spec)
         self._journal.add([*tuned, *scored])
@@ -92,26 +92,26 @@ class Search:
             self._score = self._trial(self.trials[best].values, cases)
 
     def verdicts(self) -> list[Worth]:
-        """Return the worth of each trial, by all that is known by now."""
+        """Return the worth of each trial, from all results so far."""
         assert self.defaults is not None
         return judge(self.spec, [*self.trials, self.defaults[0]])[:-1]
 
     @property
     def best(self) -> int | None:
-        """The number of the best trial that breaks no constraint, the first of equal ones; None: all break one."""
+        """The number of the best trial that breaks no constraint, the first among equals; None: all break one."""
         allowed = [(verdict.objective, i) for i, verdict in enumerate(self.verdicts()) if verdict.allowed]
         return min(allowed)[1] if allowed else None
 
     @property
     def unmeasured(self) -> list[str]:
-        """The metrics of the goal that have a value in no case to tune on: it does not depend on them."""
+        """The metrics of the goal without a value in any tuning case, which so have no influence."""
         tuned = [*self.trials, *(self.defaults or ())[:1]]
         values = [measures for trial in tuned for measures in trial.measures]
         return [name for name in self.spec.goal.metrics if all(value_of(one, name) is None for one in values)]
 
     @property
     def scores(self) -> tuple[Scores, Scores] | None:
-        """On the cases to tune and to score on, when all is done."""
+        """The scores on the cases to tune and to score on, at the end; None before the first results."""
         if self.defaults is None:
             return None
         found = None if self.best is None else self.trials[self.best]
@@ -122,7 +122,7 @@ class Search:
 
 
 def base(spec: TuneSpec) -> tuple[list[Case], list[Case]]:
-    """The cases with the default values: to tune, and to score on. They are in every journal of this spec."""
+    """The cases with the default values, to tune and to score on, which are in every journal of this spec."""
     return spec.tuning_cases(spec.defaults), spec.scoring_cases(spec.defaults)
 
 
@@ -138,7 +138,7 @@ def _default_is_tried(spec: TuneSpec) -> bool:
 
 
 def judge(spec: TuneSpec, trials: Sequence[Trial]) -> list[Worth]:
-    """Return the worth of trials over the same cases; each shows which cases have a value of a metric."""
+    """Return the worth of trials over the same cases; all trials together show which cases have a value of a metric."""
     measured = {
         (metric, place)
         for trial in trials

@@ -8,8 +8,8 @@
     device.substeps = { from = 1, to = 8 }             # whole numbers, as the parameter is one
     wave.missing = ["zero", "hold"]
 
-Values are proposed by optuna's tree-structured Parzen estimator (Bergstra, Bardenet, Bengio, Kegl 2011), which knows
-constraints. What it proposes depends on the seed and on the earlier trials alone, so a search goes on from its journal.
+Values are proposed by optuna's tree-structured Parzen estimator (Bergstra, Bardenet, Bengio, Kegl 2011), which handles
+constraints. Its proposals depend only on the seed and the earlier trials, so a search can continue from its journal.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hapnet.param_values import check_allowed
 from hapnet.params import Params
 
 DIGITS = 4
-"""Significant digits of a number that is tried: the values found can be read and typed."""
+"""Significant digits of the numbers that are tried, so that the values found are easy to read and type."""
 
 _PLAIN = Params()
 _FIELDS = {name: (value, field) for name, value, field in _PLAIN.leaves()}
@@ -65,13 +65,13 @@ class Searched:
         return f"{self.low:g} to {self.high:g}{', log' if self.log else ''}"
 
     def tried(self, value: Any) -> Any:
-        """A proposed value as it is tried: of few digits, and in the range."""
+        """The value to try for a proposed value: with few digits, and in the range."""
         if self.choices:
             return self.choices[value]
         return value if self.whole else min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
 
     def plain(self, value: Any) -> Any:
-        """The opposite of `tried`: a value as the sampler knows it."""
+        """The inverse of `tried`: the sampler's form of a value."""
         return self.choices.index(value) if self.choices else value
 
 
@@ -93,7 +93,8 @@ def propose(
 ) -> list[Values]:
     """`count` sets of values to try next.
 
-    earlier : what was tried, and what it is worth. seed : another one each time. random : so many are random at first.
+    earlier : the earlier trials' values and worths. seed : different for each call. random : the number of random
+        trials at the start.
     """
     import optuna
     from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
@@ -122,8 +123,8 @@ def propose(
             for values, verdict in earlier
         ]
     )
-    asked = [study.ask(kinds).params for _ in range(count)]
-    return [{one.name: one.tried(params[one.name]) for one in space} for params in asked]
+    proposed = [study.ask(kinds).params for _ in range(count)]
+    return [{one.name: one.tried(params[one.name]) for one in space} for params in proposed]
 
 
 def _searched(name: str, given: Any) -> Searched:

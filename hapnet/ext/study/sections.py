@@ -1,4 +1,4 @@
-"""The default comparisons of `hapnet compare`: a quick set, and a full one in sections, each a comparison of its
+"""The default comparisons of `hapnet compare`: a quick set, and a full set in sections, each a comparison of its
 own.
 """
 
@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 from hapnet.laws import COUPLING_NAMES
 
 HANDS = tuple(f"hand-{number}" for number in range(21, 41))
-"""Nothing is tuned on these. Each touches a wall at the default place within 10 s, whatever the device's spring."""
+"""Hands on which nothing is tuned. Each touches a wall at the default place within 10 s, with any device spring."""
 
 _FEW = HANDS[:8]
 _BOTH = ("pspm", "zoh")
-"""The theorem, and the same stages without it. Both run on the compiled kernel."""
+"""PSPM, and a plain spring with the same stages. Both run on the compiled kernel."""
 
 _FAR = ("lan", "4g", "leo", "intercontinental")
 
 
 def _tap(start_m: float, peak_mps: float) -> str:
-    """A press from `start_m` to 40 mm with such a peak speed: with minimum jerk 1.875 times the mean."""
+    """A press from `start_m` to 40 mm with this peak speed, which with minimum jerk is 1.875 times the mean speed."""
     reach_s = 1.875 * (0.04 - start_m) / peak_mps
     return f"press:operator_hand.start_m={start_m:g}:operator_hand.reach_s={reach_s:.3g}"
 
@@ -32,7 +32,7 @@ TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) fo
 class StudySection:
     """A comparison of the full set, or the quick one.
 
-    about : what it shows. changes : parameters of all its cases. The rest as `Plan`; links by name.
+    about : a title. changes : parameters of all its cases. The other fields are as in `Plan`, with links by name.
     """
 
     about: str
@@ -71,7 +71,7 @@ FULL: Mapping[str, StudySection] = {
         ("lan", "4g", "intercontinental"), HANDS, {"duration_s": 60.0},
     ),
     "untold": _moving(
-        "a wall that was never sent before: it appears, and jumps to where it never was",
+        "a wall that was never sent before: it appears, and jumps to new places",
         "at 0s: gone; at 4s: back; at 9s: shift 5mm; at 14s: shift -9mm; at 19s: shift 7mm; at 24s: shift -3mm",
     ),
     "moves": _moving(

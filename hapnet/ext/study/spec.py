@@ -40,7 +40,8 @@ Values = dict[str, Any]
 """Values as TOML has them, by name: parameters by their dotted names, `LINK` and `SEED`."""
 
 LINK, SEED = "link", "seed"
-"""What may vary besides parameters. Link: both directions: a profile's name, tc-netem's syntax or {up, down}. Seed."""
+"""Names that may vary besides parameters: the link of both directions (a profile's name, tc-netem's syntax, or {up,
+down}), and the seed."""
 
 MOST = 100_000
 """The largest number of cases in a sweep."""
@@ -53,9 +54,9 @@ _DIGITS = 12  # of a number within a range: 0.3, not 0.30000000000000004
 
 @dataclass(frozen=True)
 class Case:
-    """One run. `values`: of everything that varies except the seed. `key`: a digest of all that the spec sets.
+    """A run of a sweep. `values`: everything that varies except the seed. `key`: a digest of all that the spec sets.
 
-    unset : what varies in other products only, so that this run leaves it at the default.
+    unset : names that vary only in other products, so that this run leaves them at their defaults.
     """
 
     number: int
@@ -71,7 +72,7 @@ class Case:
 
     @property
     def parameters(self) -> str:
-        """Equal for cases that differ only in their seeds."""
+        """The part of the key that is equal for cases that differ only in their seeds."""
         return self.key.rpartition("-")[0]
 
 
@@ -79,7 +80,7 @@ class Case:
 class Spec:
     """The specification of a sweep.
 
-    fixed : fixed parameters, `LINK` and `SEED`. products : what varies in each product, in the order of the file.
+    fixed : fixed parameters, `LINK` and `SEED`. products : the varied values of each product, in the file's order.
     """
 
     name: str
@@ -88,9 +89,9 @@ class Spec:
 
     @classmethod
     def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> Spec:
-        """The spec in `file`; `assignments` override what it fixes.
+        """The spec in `file`; `assignments` override its fixed values.
 
-        Raises InvalidParameter: it cannot be read, or an entry is not allowed; the message names the entry.
+        Raises InvalidParameter: the file cannot be read, or an entry is not allowed; the message names the entry.
         """
         return cls.of_tables(file.stem, table_of(file), assignments)
 
@@ -105,13 +106,13 @@ class Spec:
     def of(
         cls, name: str, table: Values, assignments: Mapping[str, object] | None = None, section: str = "vary"
     ) -> Spec:
-        """The spec in `table`, with what varies under `section`; raises as `read` does."""
+        """The spec in `table`, with the varied values under `section`; raises as `read` does."""
         fixed, vary = table.get("fixed", {}), table.get(section, [])
         blocks = vary if isinstance(vary, list) else [vary]
         if not isinstance(fixed, Mapping):
             raise InvalidParameter("fixed", fixed, "a table, [fixed]")
         if not blocks or not all(isinstance(block, Mapping) and block for block in blocks):
-            raise InvalidParameter(section, vary, f"a table [{section}] of what varies, or several [[{section}]]")
+            raise InvalidParameter(section, vary, f"a table [{section}] of varied values, or several [[{section}]]")
         products = tuple(dict(_axes(block)) for block in blocks)
         for word, value in (assignments or {}).items():
             if any(word in axes for axes in products):
@@ -135,7 +136,7 @@ class Spec:
     def cases(self, only: slice = slice(None)) -> list[Case]:
         """Every combination, once; the last axis changes fastest. Some combinations may not be valid runs.
 
-        only : of these products; the keys are the same as if all were asked for.
+        only : the products to use; the keys do not depend on it.
 
         Raises InvalidParameter: a value is not of its parameter's type, or there are more cases than `MOST`.
         """
@@ -163,22 +164,22 @@ class Spec:
         return self._digest(flat_of(self.fixed, values), self._unset({*self.fixed, *values}))
 
     def _unset(self, given: Collection[str]) -> tuple[str, ...]:
-        """Return the names that vary in some product, but are not among those that are `given`."""
+        """Return the names that vary in some product, but are not in `given`."""
         return tuple(name for name in self.varied if name not in given)
 
     def _digest(self, every: Values, unset: Collection[str]) -> str:
-        """A digest of everything that the spec sets in a case; what it leaves at the defaults is not part of it."""
+        """A digest of all values that the spec sets in a case; values left at their defaults are not part of it."""
         names = {name for name in (*self.fixed, *self.varied) if name != SEED and name not in unset}
         if LINK in names:
             names = names - {LINK} | {"link.up", "link.down"}
-        reported = {name: every[name] for name in names}
-        reported |= {name: profile(name, reported[name]) for name in ("link.up", "link.down") if name in reported}
-        return hashlib.sha256(json.dumps(reported, sort_keys=True).encode()).hexdigest()[:16]
+        chosen = {name: every[name] for name in names}
+        chosen |= {name: profile(name, chosen[name]) for name in ("link.up", "link.down") if name in chosen}
+        return hashlib.sha256(json.dumps(chosen, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @cache
 def _defaults() -> Values:
-    """Every parameter: a function, as it loads the laws."""
+    """Every parameter with its default; a function and not a constant, as it loads the laws."""
     return _PLAIN.flat()
 
 
@@ -188,7 +189,7 @@ def params_of(fixed: Values, values: Values) -> Params:
 
 
 def shown(varied: Collection[str], every: Values) -> Values:
-    """Of all parameters by dotted names, those in `varied`."""
+    """The values of the `varied` names, from all parameters by dotted names."""
     up, down = every["link.up"], every["link.down"]
     link = up if up == down else {"up": up, "down": down}
     return {name: link if name == LINK else every[name] for name in varied}
@@ -219,7 +220,7 @@ def table_of(file: Path) -> Values:
 
 @contextmanager
 def in_file(file: Path) -> Iterator[None]:
-    """The error of an entry names the file too."""
+    """A context in which the error of an entry names the file too."""
     try:
         yield
     except InvalidParameter as error:
@@ -230,7 +231,7 @@ def in_file(file: Path) -> Iterator[None]:
 
 @contextmanager
 def tables_in(spec: str | PathLike[str] | Mapping[str, Any], name: str) -> Iterator[tuple[str, Values]]:
-    """A spec's name and tables: those of a file, whose name an entry's error has too, or the given ones with `name`."""
+    """A context with a spec's name and tables: of a file, which errors then name too, or the given tables and name."""
     if isinstance(spec, Mapping):
         yield name, dict(spec)
     else:
@@ -263,7 +264,7 @@ def value_words(name: str, value: Any) -> str:
 
 
 def _spelled(values: Values) -> Values:
-    """The values by their parameters' dotted names: a link becomes both directions, and the seed is left out."""
+    """The values by dotted parameter names: a link becomes both directions, and the seed is left out."""
     plain = {name: value for name, value in values.items() if name not in (LINK, SEED)}
     if LINK in values:
         link = values[LINK]

@@ -1,12 +1,12 @@
 """The stiffest stable K of a simulated device (`device.stiffness`), beside the bound from theory.
 
-J. E. Colgate and G. Schenkel (Passivity of a class of sampled-data systems, 1997): a device of own damping b renders a
-spring K and a damper B, held for T, passively if ``b > K T/2 + B``. So no hand can make it oscillate while
-``K < 2 (b - B) / T``. Beyond that some hands can, and without any the device is stable up to about ``2 (b + B) / T``.
+J. E. Colgate and G. Schenkel (Passivity of a class of sampled-data systems, 1997): a device with own damping b renders
+a spring K and a damper B, held for T, passively if ``b > K T/2 + B``. So no hand can make it oscillate while
+``K < 2 (b - B) / T``. Above that some hands can; without a hand the device is stable up to about ``2 (b + B) / T``.
 
-It is found by trials. A hand that is only a spring, without damping or mass, presses the device with about a newton
-into an ideal wall: stiff, damped, without a link, in a world of 1 kHz. It then holds still. `JUDGED` says what counts.
-With encoders an oscillation of one count may go on for ever; its force is K times the count.
+K is found by trials. A hand that is only a spring, without damping or mass, presses the device with about a newton
+into an ideal wall: stiff, damped, without a link, in a world of 1 kHz. The hand then holds still. `JUDGED` states the
+criterion. With encoders an oscillation of one count may continue for ever; its force is K times the count.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ COUPLINGS = ("pspm", "zoh")
 SERVO_HZ = (500.0, 1000.0, 4000.0)
 OWN_DAMPING = (0.1, 0.3, 1.0)
 ENCODERS_M = (0.0, 55e-6)
-"""Those of the Phantom Omni, and none."""
+"""Resolution of the encoders [m]: exact positions, and the Phantom Omni."""
 
 MINIMUM, MOST, RATIO = 10.0, 1e5, 1.03
-"""Between which stiffnesses is searched [N/m], and how closely."""
+"""The range of the search [N/m], and the ratio of the two bounds at its end."""
 
 HELD_S = 8.0
 RENDERED = 0.9
-"""A wall that is rendered with less of its stiffness is lost: without force nothing oscillates."""
+"""A wall rendered with a smaller share of its stiffness counts as lost, as without force nothing oscillates."""
 
 JUDGED = (
     "stable: in the eighth second after the hand has stopped, the force oscillates by less than 0.02 N (rms), or less "
-    "than half of what it did six seconds before; and the wall is rendered with at least 90 % of its stiffness"
+    "than half of its oscillation six seconds before; and at least 90 % of the wall's stiffness is rendered"
 )
 
 _IDEAL: dict[str, object] = {
@@ -61,7 +61,7 @@ _IDEAL: dict[str, object] = {
 
 
 class StiffnessCase(NamedTuple):
-    """For which the stiffest stable K is searched: coupling, servo rate [Hz], own damping b [Ns/m], encoders [m]."""
+    """A search for the stiffest stable K: coupling, servo rate [Hz], own damping b [Ns/m], encoders' resolution [m]."""
 
     coupling: str
     servo_hz: float
@@ -69,7 +69,7 @@ class StiffnessCase(NamedTuple):
     resolution_m: float
 
     def of(self, params: Params) -> Params:
-        """`params` with these."""
+        """`params` with the values of this case."""
         return params.set({
             "coupling": self.coupling, "device.servo_hz": self.servo_hz, "device.own_damping": self.own_damping,
             "device.resolution_m": self.resolution_m,
@@ -82,9 +82,9 @@ class StiffnessCase(NamedTuple):
 
 
 def cases(params: Params) -> list[StiffnessCase]:
-    """Both couplings, with and without encoders, over servo rates and own dampings; those of `params` are among them.
+    """Both couplings, with and without encoders, over servo rates and own dampings, including those of `params`.
 
-    An arm has the damping of its links only.
+    An arm has only the damping of its links.
 
     Raises InvalidParameter: the device's B is not a number, so that there is no bound.
     """
@@ -108,9 +108,9 @@ def bound(own_damping: float, servo_hz: float, damping: object) -> float:
 
 
 def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
-    """The stiffest K that is stable, and the smallest tried that is not [N/m]; they are within a factor of `ratio`.
+    """The stiffest stable K, and the smallest tried unstable K [N/m], within a factor of `ratio`.
 
-    Hand, world, link and duration are set here. It supposes that a softer spring than a stable one is stable.
+    Hand, world, link and duration are set here. This assumes that a spring is stable if a stiffer spring is.
 
     Raises HapnetError: the parameters do not make a run.
     """
@@ -118,14 +118,14 @@ def stiffest(params: Params, ratio: float = RATIO) -> ZWidth:
 
 
 def stable(params: Params) -> bool:
-    """Whether the force on the device comes to rest at an ideal wall, and the wall is still there. See `JUDGED`."""
+    """Whether the force comes to rest at an ideal wall, and the wall is still rendered. See `JUDGED`."""
     simulation = Simulation(params.set({**_IDEAL, "record_hz": params.device.servo_hz}), 0)
     recording = simulation.run().recording
     return not limit_cycles(recording, HELD_S) and _rendered(recording, simulation.setup) >= RENDERED
 
 
 def _rendered(recording: Recording, setup: Setup) -> float:
-    """The share of its stiffness with which the wall is rendered in the last second."""
+    """The share of the wall's stiffness that is rendered in the last second."""
     assert recording.device is not None, "a simulated run has both sides"
     device, (wall,) = recording.device, setup.scene.walls
     assert isinstance(wall, Wall)
@@ -135,11 +135,11 @@ def _rendered(recording: Recording, setup: Setup) -> float:
     return force / depth / ideal_stiffness(setup.params, wall.stiffness) if depth > 0.0 else 0.0
 
 
-# -- What is shown ----------------------------------------------------------------------------------------------------
+# -- Output -----------------------------------------------------------------------------------------------------------
 
 
 def as_dict(found: Mapping[StiffnessCase, ZWidth], params: Params) -> dict[str, Any]:
-    """All of it for JSON [N/m]; `stable` is the stiffest K that is, `unstable` the smallest tried that is not."""
+    """The results for JSON [N/m]; `stable` is the stiffest stable K, `unstable` the smallest tried unstable K."""
     return {
         "judged": JUDGED,
         "searches": [

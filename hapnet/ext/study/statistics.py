@@ -1,4 +1,4 @@
-"""How a metric spreads over cases. The hand is the unit: hands differ, while seeds of the same hand hardly do."""
+"""The spread of a metric over cases. The hand is the unit, as hands differ, while seeds of the same hand hardly do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hapnet.ext.metrics import METRICS, Measures
 from hapnet.ext.metrics.measured import quantile, value_of
 
 SEED = 2009
-"""Of the generator that resamples hands, so that the same cases have the same intervals."""
+"""The seed of the generator that resamples hands, so that the same cases have the same intervals."""
 
 _SHARE, _DRAWS = 0.95, 1000
 _MIN_HANDS = 3
@@ -23,10 +23,10 @@ _MIN_HANDS = 3
 class Spread:
     """A metric over several cases.
 
-    count : how many have a value. missed : how many missed it, as a contact that was not felt. least, most : of the
-    values. median, q1, q3 : of the hands, each with the mean of its cases; of the cases if there is one hand only. A
-    miss is infinite. low, high : 95 % confidence interval of the median, by resampling hands (Efron's percentile
-    bootstrap); None with fewer than three hands.
+    count : number of cases with a value. missed : number of cases that missed it, such as a contact that was not felt.
+    least, most : of the values. median, q1, q3 : of the hands, each with the mean of its cases; of the cases if there
+    is only one hand. A miss is infinite. low, high : 95 % confidence interval of the median, by resampling hands
+    (Efron's percentile bootstrap); None with fewer than three hands.
     """
 
     count: int
@@ -43,7 +43,7 @@ class Spread:
 def spreads(hands: Sequence[Sequence[Measures]], seed: int = SEED) -> Iterator[tuple[str, Spread]]:
     """Each metric for which at least one case has a value, and its spread.
 
-    hands : the cases of each. seed : of the generator that resamples the hands, in the same way for each metric.
+    hands : the cases of each hand. seed : of the generator that resamples the hands, in the same way for each metric.
     """
     for metric in METRICS:
         each = [[value for one in cases if (value := value_of(one, metric)) is not None] for cases in hands]

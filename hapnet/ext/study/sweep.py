@@ -1,4 +1,4 @@
-"""`hapnet.sweep`: every combination of parameters, links and seeds, and the table of what was measured."""
+"""`hapnet.sweep`: runs every combination of parameters, links and seeds, and returns a table of the measures."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ _SHOWN = 20
 class SweepResult:
     """The results of a sweep, a row for each case that was run.
 
-    columns : by name: ``case``, what varies, ``seed``, ``link``, the metrics, ``error`` (None: it ran), the time it
-    took (``wall_s``) and where it ran (``worker``). None where there is no value.
+    columns : by name: ``case``, the varied values, ``seed``, ``link``, the metrics, ``error`` (None: it ran), the time
+    it took (``wall_s``) and its ``worker``. None for a missing value.
     """
 
     columns: Table
 
     @classmethod
     def of(cls, journal: Journal) -> SweepResult:
-        """From the cases of a journal that have a result."""
+        """The result from the finished cases of a journal."""
         return cls(export.table(journal))
 
     def __len__(self) -> int:
@@ -45,20 +45,20 @@ class SweepResult:
 
     @property
     def errors(self) -> Counter[str]:
-        """Why cases failed, and how many each time."""
+        """The errors of failed cases, each with the number of cases."""
         return Counter(error for error in self.columns["error"] if error is not None)
 
     @property
     def broken(self) -> int:
-        """In how many cases the coupling claims to be passive, and was not."""
+        """The number of cases in which the coupling claims to be passive but was not."""
         return sum(value == 0.0 for value in self.columns.get("claim_kept", ()))
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each case, sorted by case: what ``pandas.DataFrame`` and ``csv.DictWriter`` take."""
+        """A row for each case, sorted by case, for ``pandas.DataFrame`` and ``csv.DictWriter``."""
         return [dict(zip(self.columns, row, strict=True)) for row in zip(*self.columns.values(), strict=True)]
 
     def to_pandas(self) -> DataFrame:
-        """The same as a table of pandas. Raises MissingLibrary where it is not installed."""
+        """The results as a pandas table. Raises MissingLibrary if pandas is not installed."""
         try:
             import pandas
         except ImportError as error:
@@ -91,13 +91,13 @@ def sweep(
 
     ``sweep({"fixed": {"duration_s": 5}, "vary": {"link": ["lan", "4g"], "seed": "0:10"}})`` runs 20 cases.
 
-    spec : a TOML file, or its tables. changes : override what it fixes.
-    directory : keeps the results of all cases; the same sweep goes on there, unless it is to begin `fresh`. None: they
-        are kept in the result.
+    spec : a TOML file, or its tables. changes : override its fixed values.
+    directory : stores the results of all cases; the same sweep continues there, unless `fresh` discards them. None:
+        they are not stored.
     workers : processes; 0: one per core. With more than 1 the program needs ``if __name__ == "__main__":``.
 
-    Raises InvalidParameter: an entry of the spec is not allowed. HapnetError: nothing can be written, or the journal
-    in `directory` is another sweep's.
+    Raises InvalidParameter: an entry of the spec is not allowed. HapnetError: `directory` cannot be written, or has
+    the journal of another sweep.
     """
     with tables_in(spec, "sweep") as (name, tables):
         wanted = Spec.of_tables(name, tables, changes)

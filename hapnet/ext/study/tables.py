@@ -1,4 +1,4 @@
-"""The comparison as tables for a terminal, and as one object for machines."""
+"""The comparison as tables for a terminal, and as an object for JSON."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from hapnet.recording.samples import plain
 from netem.profile import PRESETS
 
 WIDE = 160
-"""From this width of a terminal on [columns], a table has room for all of `_SHOWN` and their intervals."""
+"""A terminal of at least this width [columns] has space for more of `_SHOWN`, and for intervals."""
 
 
 _NAMED = 6
-"""So many hands the note names."""
+"""The largest number of hands that the note lists by name."""
 
 
 class _Column(NamedTuple):
-    """How a table shows a metric: its heading, the factor to multiply by, and the digits after the point."""
+    """A metric as a column: its heading, the factor to multiply by, and the digits after the point."""
 
     metric: str
     heading: str
@@ -39,12 +39,12 @@ OUT = (
     _Column("hand_energy_out_J", "hand\n[mJ]", 1e3, 1),
     _Column("world_energy_out_J", "world\n[mJ]", 1e3, 1),
 )
-"""The most energy that came out, of all cases: of both ports together, and of each alone."""
+"""The most energy that came out in any case: of both ports together, and of each port alone."""
 
 _SHOWN = (
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
     _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
-    _Column("true_torque_error_percent", "true\ntorque\n[%]", 1.0, 1),  # of a tool that turns, as the next but one
+    _Column("true_torque_error_percent", "true\ntorque\n[%]", 1.0, 1),  # of a tool that turns, as free_rms_deg below
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
     _Column("free_rms_deg", "free\nerror\n[°]", 1.0, 2),
     _Column("drag_N", "drag\n[N]", 1.0, 2),
@@ -56,15 +56,15 @@ _SHOWN = (
     _Column("swing_N", "oscillation\n[N]", 1.0, 3),
     _Column("first_contact_ms", "first\nfelt\n[ms]", 1.0, 0),
 )
-"""In the order in which they get a place: `_NARROW` of them in a narrow table, `_MOST` in a wide one."""
+"""The columns by priority: a narrow table has the first `_NARROW` that have values, a wide table `_MOST`."""
 
 _NARROW, _MOST = 5, 10
 
 _NOTE = (
-    "Medians over {operators}, each with the mean over {seeds}{interval}; a number in brackets "
-    "counts the cases that have a value, if not all do; a contact that was not felt counts as infinitely late. "
-    "passive: cases whose two-port margin stayed above zero; out: the most energy that ever came out of both ports "
-    "together, hand and world: of each alone. "
+    "Medians over {operators}, each with the mean over {seeds}{interval}. A number in brackets "
+    "counts the cases with a value, if some have none. A contact that was not felt counts as infinitely late. "
+    "passive: cases whose two-port margin stayed above zero. out: the most energy that came out of both ports "
+    "together; hand and world: of each port alone. "
     "hapnet compare --metrics defines all columns."
 )
 _INTERVAL = ", 95 % intervals by resampling these hands (quartiles of fewer than three) in a terminal of {wide} columns"
@@ -73,18 +73,18 @@ _INTERVAL = ", 95 % intervals by resampling these hands (quartiles of fewer than
 def tables(plan: Plan, found: Sequence[Group], width: int) -> list[Table]:
     """One table per link with couplings as rows: medians, and quartiles where there is room for them."""
     wide = width >= WIDE
-    made = []
+    result = []
     for link, (up, down) in plan.links.items():
         up, down = PRESETS.get(up, up), PRESETS.get(down, down)
         words = up if up == down else f"up {up}; down {down}"
-        title = f"{link}: {words or 'nothing in the way'}"
+        title = f"{link}: {words or 'ideal link'}"
         rows = [group for group in found if group.link == link and group.operator is None]
-        made.append(_table(escape(title), rows, _columns(found, wide=wide), wide=wide))
-    return made
+        result.append(_table(escape(title), rows, _columns(found, wide=wide), wide=wide))
+    return result
 
 
 def headline(plan: Plan, found: Sequence[Group]) -> list[str]:
-    """A line for each variant that was not passive in all cases: where, and at which port the energy came out."""
+    """A line for each variant that was not passive in all cases: the links, and the energy that came out by port."""
     lines = []
     for variant in plan.variants:
         groups = [one for one in found if one.variant == variant and one.operator is None and one.lost]
@@ -107,7 +107,7 @@ def _most_mJ(cases: Sequence[Measures], metric: str) -> str:
 
 
 def _columns(found: Sequence[Group], *, wide: bool) -> list[_Column]:
-    """Those that some group has a value for, as far as there is room."""
+    """The columns for which some group has a value, as far as there is space."""
     known = {metric for group in found for metric in group.spreads}
     return [one for one in _SHOWN if one.metric in known][: _MOST if wide else _NARROW]
 
@@ -121,14 +121,14 @@ def note(plan: Plan) -> str:
 
 
 def failures(outcomes: Sequence[RunMeasures], most: int = 5) -> list[str]:
-    """A line for each of the first `most` failed cases, and one that counts the rest."""
+    """A line for each of the first `most` failed cases, and a line that counts the rest."""
     failed = [one for one in outcomes if one.error is not None]
     lines = [f"failed: {one.case}: {one.error}" for one in failed[:most]]
     return lines + ([f"and {len(failed) - most} more"] if len(failed) > most else [])
 
 
 def definitions() -> Table:
-    """A table of what each metric means."""
+    """A table with the definition of each metric."""
     table = Table("metric", "unit", "better", "over", "meaning", show_lines=True)
     for metric in METRICS.values():
         table.add_row(
@@ -142,7 +142,7 @@ def definitions() -> Table:
 
 
 def as_dict(plan: Plan, outcomes: Sequence[RunMeasures], found: Sequence[Group]) -> dict[str, Any]:
-    """Everything that two equal comparisons have in common: settings, units, tunings, groups and every case."""
+    """The comparison for JSON, equal for equal comparisons: settings, units, tunings, groups and every case."""
     whole = {
         "settings": {
             "couplings": plan.couplings,
@@ -166,8 +166,8 @@ def as_dict(plan: Plan, outcomes: Sequence[RunMeasures], found: Sequence[Group])
 
 
 def as_rows(found: Sequence[Group]) -> list[dict[str, Any]]:
-    """A row per group: of each metric the median, its interval ``_low`` and ``_high``, the quartiles ``_q1`` and
-    ``_q3``, and where it can be missed ``_missed``.
+    """A row for each group: the median of each metric, its interval ``_low`` and ``_high``, the quartiles ``_q1`` and
+    ``_q3``, and ``_missed`` if the metric can be missed.
 
     A quantile that reaches a miss is ``inf``; None: no case has a value.
     """
@@ -209,7 +209,7 @@ def _cell(group: Group, column: _Column, *, wide: bool) -> str:
     median, low, high = (rounded(column.factor * value, column.digits) for value in (spread.median, *ends))
     if isinf(spread.median):
         median = "not felt"
-    if spread.count < group.measured:  # how often matters as much as how much
+    if spread.count < group.measured:  # the number of values matters as much as the values
         median += f" [dim]({spread.count})[/]"
     return f"{median}\n[dim]{low}..{high}[/]" if wide else median
 

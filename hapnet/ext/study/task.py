@@ -1,4 +1,4 @@
-"""A worker's task, wherever it runs: a few cases, one after the other; and how long a study takes."""
+"""A worker's task, a few cases one after the other; and estimates of the duration of a study."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from netem.errors import NetemError
 
 @dataclass(frozen=True)
 class Task:
-    """Cases, and what is fixed in all of them. `attempt`: how often a worker died with them before."""
+    """Cases and their common fixed values. `attempt`: how often a worker has died with these cases."""
 
     fixed: Values
     cases: tuple[Case, ...]
@@ -29,7 +29,7 @@ class Task:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """The result of a case: its measures, or an error in one line. `worker` is host:process."""
+    """The result of a case: its measures, or a line with the error. `worker` is host:process."""
 
     number: int
     measures: Measures
@@ -45,7 +45,7 @@ def run(task: Task) -> list[CaseResult]:
 
 
 def run_case(fixed: Values, case: Case, worker: str = "") -> CaseResult:
-    """Run one case. An error in it becomes its result."""
+    """Run a case. An error in the case becomes its result."""
     began = time.perf_counter()
     measures: Measures = {}
     error = None
@@ -58,7 +58,7 @@ def run_case(fixed: Values, case: Case, worker: str = "") -> CaseResult:
 
 
 def reason(wrong: Exception) -> str:
-    """Describe the failure of a case in one line."""
+    """Return the failure of a case as one line."""
     return " ".join(str(wrong).split()) if isinstance(wrong, HapnetError | NetemError) else cause(wrong)
 
 
@@ -74,9 +74,10 @@ _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def spread(parts: Sequence[Part], most: int = 8) -> list[Part]:
-    """Up to `most` of these, from the whole list.
+    """Up to `most` of these parts, spread over the whole list.
 
-    By the golden ratio, not at equal distances: in a list of all combinations those may all have the same coupling.
+    They are spread by the golden ratio: in a list of all combinations, parts at equal distances may all have the same
+    coupling.
     """
     places: list[int] = []
     part = itertools.count(1)
@@ -93,10 +94,10 @@ def mean_seconds(
     limit_s: float = 5.0,
     clock: Callable[[], float] = time.perf_counter,
 ) -> tuple[float, int]:
-    """The mean time that `run` takes with one of the parts, in this process [s], and of how many parts it is the mean.
+    """The mean time of `run` for a part, in this process [s], and the number of parts in this mean.
 
-    At most 8 of them are run, and at most half; after `limit_s` no further one is begun. The first is run once before,
-    as it also loads what all need, and counts only if no other is run.
+    At most 8 parts are run, and at most half; after `limit_s` no further part is begun. The first part is run once
+    before, as it also loads modules; that run counts only if no other is made.
     """
 
     def timed(part: Part) -> float:

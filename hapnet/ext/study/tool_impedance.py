@@ -1,7 +1,8 @@
-"""The feel of a tool that turns, over frequency: its handle is moved along an axis or turned about one.
+"""The impedance of a tool that turns, over frequency: its handle is moved along an axis or turned about an axis.
 
-The handle goes 10 mm deeper than where the tool first touches the scene's first solid, and stays; a free tool stays at
-home. From there it is moved by 2 mm, or turned by the angle at which the ends of the pose's arms move so far.
+The handle moves 10 mm beyond the place where the tool first touches the scene's first solid, and stays there; a free
+tool stays at home. From there it is moved by 2 mm, or turned by the angle at which the ends of the pose's arms move by
+2 mm.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ MOTIONS = (*(ALONG + axis for axis in AXES), *(ABOUT + axis for axis in AXES))
 
 _SETTLES_S, _STEP_S = 20.0, 0.01
 _BY = 1e-6
-"""How far a pose is shifted for a difference quotient: metres, and radians times the arms' length."""
+"""The shift of a pose for a difference quotient: metres, and radians times the arms' length."""
 
 
 def motions(params: Params) -> tuple[str, str]:
@@ -43,14 +44,14 @@ def motions(params: Params) -> tuple[str, str]:
 
 
 def turns(motion: str) -> bool:
-    """Whether it is a rotation, in rad and Nm."""
+    """Whether this motion is a rotation, in rad and Nm."""
     return motion.startswith(ABOUT)
 
 
 def path_of(setup: Setup, motion: str) -> Way:
     """The hand that makes this motion, and the true impedance there.
 
-    Raises InvalidParameter: there is no such motion, or the scene is none of a tool among solids.
+    Raises InvalidParameter: there is no such motion, or the scene is not a tool among solids.
     """
     one_of("motion", motion, MOTIONS)
     axis, scene = AXES.index(motion[-1]), _scene(setup.params)
@@ -61,7 +62,7 @@ def path_of(setup: Setup, motion: str) -> Way:
 
 
 class _Hand:
-    """Goes to `home` (3,) [m], and moves along the axis, or turns about it, from there."""
+    """A hand that moves to `home` (3,) [m], and from there along the axis or about it."""
 
     def __init__(self, home: Vector, axis: int, turns: bool) -> None:
         self.impedance = IMPOSING
@@ -87,12 +88,12 @@ def _along(axis: int, turns: bool, recording: Recording) -> tuple[Array, Array]:
 def _scene(params: Params) -> ToolScene:
     scene = prepare(params).scene
     if not isinstance(scene, ToolScene):
-        raise InvalidParameter("scene", params.scene, "a tool among solids: what others feel like is not known")
+        raise InvalidParameter("scene", params.scene, "a tool among solids, whose true impedance is known")
     return scene
 
 
 def _home(contacts: ToolContacts) -> Vector:
-    """Where the tool is moved to (3,) [m]: into the first solid, towards which its centre looks at the start."""
+    """The place to which the tool is moved (3,) [m]: into the first solid, on the shortest way from the start."""
     if not contacts.solids:
         return (0.0, 0.0, 0.0)
     shape = contacts.solids[0].shape
@@ -111,11 +112,12 @@ def _truth(params: Params, scene: ToolScene, x: Vector) -> Callable[[float], Arr
     """The impedances (6,) at a frequency [Hz], of the device at x (12,) [m] along and about each axis, others held.
 
     The tool itself, a rigid body of the virtual mass and its inertia with its contacts, through the given springs
-    without delay, damper and friction, for small motions about where it rests:
+    without delay, damper and friction, for small motions about its rest position:
 
         Z = A - B (G + j w C - w^2 M)^-1 H
 
-    with the derivatives of the device's wrench by its own pose and the tool's (A, B), and of the tool's by both (H, G).
+    with the derivatives of the device's wrench by its own pose and the tool's (A, B), and of the tool's wrench by both
+    poses (H, G).
     """
     K, K_world = (np.broadcast_to(side.stiffness, 12) for side in (params.device, params.world))
     mass = scene.proxy(params.world.mass, params.world.damping, params.world.stiffness)
@@ -145,7 +147,7 @@ def _pulled(K: Array, x: Vector, y: Vector) -> Array:
 
 
 def _contact(contacts: ToolContacts, y: Vector) -> tuple[Array, Array]:
-    """The wrench (6,) of the solids on the tool that rests at y (12,), and the damping (6, 6) of its contacts."""
+    """The wrench (6,) of the solids on the tool at rest at y (12,), and the damping (6, 6) of its contacts."""
     found, damping = np.zeros(6), np.zeros((6, 6))
     for distance, point, normal, solid in contacts.within(y, 0.0):
         lever = np.subtract(place(y, point, contacts.arm_m), y[:3])
@@ -156,7 +158,7 @@ def _contact(contacts: ToolContacts, y: Vector) -> tuple[Array, Array]:
 
 
 def _rates(wrench_at: Callable[[Vector], Array], x: Vector) -> Array:
-    """The derivative (6, 6) of a wrench by how a body at x (12,) [m] is moved and turned."""
+    """The derivative (6, 6) of a wrench by the translation and rotation of a body at x (12,) [m]."""
     columns = []
     for i in range(6):
         by = np.zeros(12)

@@ -1,4 +1,4 @@
-"""Runs that measure what couplings transmit of a wall over frequency, and the stiffest wall without limit cycles."""
+"""Measures the transmitted impedance of a wall over frequency, and the stiffest wall without limit cycles."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ HANDS: dict[str, dict[str, float]] = {"firm hand": {}, "relaxed hand": dict(RELA
 
 
 class SearchTask(NamedTuple):
-    """One run, with `hand` one bisection of the Z-width, or with `case` one of the stiffest stable K.
+    """A run or, with `hand`, a bisection for the Z-width or, with `case`, a bisection for the stiffest stable K.
 
-    motion : of a run, as `impedance.transmission` takes it.
+    motion : of a run, as in `impedance.transmission`.
     """
 
     coupling: str
@@ -34,7 +34,7 @@ class SearchTask(NamedTuple):
 
 
 def run(tasks: Sequence[SearchTask], progress: Callable[[float], None]) -> list[Transmission | ZWidth]:
-    """Do these tasks, one after the other."""
+    """Run these tasks, one after the other."""
     found: list[Transmission | ZWidth] = []
     for done, task in enumerate(tasks):
         progress(done / len(tasks))
@@ -43,7 +43,7 @@ def run(tasks: Sequence[SearchTask], progress: Callable[[float], None]) -> list[
 
 
 def run_one(task: SearchTask) -> Transmission | ZWidth:
-    """Do this task."""
+    """Run this task."""
     if task.case is not None:
         return stiffest(task.case.of(task.params))
     if task.hand is None:
@@ -52,11 +52,11 @@ def run_one(task: SearchTask) -> Transmission | ZWidth:
 
 
 Curves = dict[tuple[str, str, str], Curve]
-"""By coupling, link and motion (empty: into a wall)."""
+"""Curves by coupling, link and motion (empty: into a wall)."""
 
 
 def as_dict(curves: Curves, widths: dict[tuple[str, str, str], ZWidth]) -> dict[str, Any]:
-    """All of it for JSON; an infinite frequency is None: nowhere 3 dB off up to 20 Hz."""
+    """The results for JSON; None for an infinite frequency: nowhere 3 dB off up to 20 Hz."""
 
     def finite(value: float) -> float | None:
         return None if value == inf else value

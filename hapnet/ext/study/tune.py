@@ -1,4 +1,4 @@
-"""`hapnet.tune`: the parameters that are best for an objective, and what they are worth on other cases."""
+"""`hapnet.tune`: searches the parameters that are best for an objective, and scores them on other cases."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tuning:
-    """The result of a tuning: `search` has its trials, and their worth."""
+    """The result of a tuning: `search` has its trials and their worth."""
 
     search: Search
 
@@ -31,22 +31,22 @@ class Tuning:
 
     @property
     def found(self) -> dict[str, Any] | None:
-        """The values that are the best of those that keep all constraints, by their parameters' names.
+        """The best values that keep all constraints, by their parameters' names.
 
-        None: no trial keeps them all.
+        None: no trial keeps all constraints.
         """
         return None if self.search.best is None else dict(self.search.trials[self.search.best].values)
 
     def params(self, base: Params | None = None) -> Params:
-        """`base`, or the defaults, with the values that were found."""
+        """`base`, or the defaults, with the values found."""
         return (Params() if base is None else base).set(self.found or {})
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each trial: its values, its objective with every term, and which constraints it kept."""
+        """A row for each trial: its values, its objective with every term, and the constraints that it kept."""
         return tune_results.trials(self.search)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it, as `hapnet tune --json` has it: also what was found beside the defaults, on other cases."""
+        """The result as in `hapnet tune --json`, with the values found beside the defaults, on both kinds of cases."""
         return tune_results.as_dict(self.search)
 
     def plot(self, file: str | PathLike[str] | None = None) -> Figure:
@@ -75,11 +75,11 @@ def tune(
     """Search the parameters that are best for an objective and break no constraint, as `hapnet tune` does.
 
     spec : a TOML file, or its tables: ``tune``, ``search``, ``fixed``, ``vary`` and ``score``; `examples/tune/` has
-        some. changes : override what it fixes.
+        some. changes : override its fixed values.
     directory, fresh, workers, progress : as for `sweep`.
 
     Raises InvalidParameter: an entry of the spec is not allowed. MissingLibrary: optuna is not installed (extra
-    `tune`). HapnetError: nothing can be written, or the journal in `directory` is another tuning's.
+    `tune`). HapnetError: `directory` cannot be written, or has the journal of another tuning.
     """
     with tables_in(spec, "tune") as (name, tables):
         wanted = TuneSpec.of_tables(name, tables, changes)

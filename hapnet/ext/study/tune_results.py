@@ -1,4 +1,4 @@
-"""The results of a tuning: tables for a terminal, an object for machines, its trials as CSV, the values as TOML."""
+"""The results of a tuning: tables for a terminal, an object for JSON, its trials as CSV, the values as TOML."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def tables(spec: TuneSpec, scores: tuple[Scores, Scores]) -> list[Table]:
-    """The values that were found; and on the cases to tune and to score on: objective, metrics and constraints."""
+    """Two tables: the values found; and objective, metrics and constraints on the tuning and scoring cases."""
     return [_values(spec, scores[0].found), _measured(spec, scores)]
 
 
 def as_dict(search: Search) -> dict[str, Any]:
-    """Everything that two equal tunings have in common."""
+    """The results as an object for JSON, equal for equal tunings."""
     spec, scores, best = search.spec, search.scores, search.best
     found = None if best is None else search.trials[best].values
     whole = {
@@ -56,7 +56,7 @@ def as_dict(search: Search) -> dict[str, Any]:
 
 
 def trials(search: Search) -> list[dict[str, Any]]:
-    """A row for each set of values that was tried: these, the objective and its terms, and which constraints held."""
+    """A row for each trial: its values, the objective and its terms, and which constraints held."""
     spec = search.spec
     verdicts = search.verdicts() if search.trials else []
     return [
@@ -95,7 +95,7 @@ def write_found(spec: TuneSpec, values: Values, path: Path) -> None:
 
 
 def _values(spec: TuneSpec, found: Trial | None) -> Table:
-    table = Table(title="what was searched", title_justify="left", title_style="bold")
+    table = Table(title="searched parameters", title_justify="left", title_style="bold")
     for heading in ("parameter", "default", "found", "range"):
         table.add_column(heading, justify="left" if heading in ("parameter", "range") else "right", overflow="fold")
     for one in spec.space:
@@ -106,7 +106,7 @@ def _values(spec: TuneSpec, found: Trial | None) -> Table:
 
 def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
     tuned, scored = (len(one.default.rows) for one in scores)
-    title = f"medians (quartiles) over {tuned} cases to tune on, and over {scored} others to score on"
+    title = f"medians (quartiles) over {tuned} tuning cases and {scored} scoring cases"
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("", overflow="fold")
     for part in PARTS:
@@ -130,7 +130,7 @@ def _measured(spec: TuneSpec, scores: tuple[Scores, Scores]) -> Table:
 
 
 def _power(spreads: Sequence[Spread]) -> int:
-    """The power of ten, a multiple of 3, with which the numbers are short."""
+    """The power of ten, a multiple of 3, by which to scale the numbers so that they are short."""
     ends = [abs(end) for one in spreads for end in (one.q1, one.q3) if math.isfinite(end)]
     most = max(ends, default=0.0)
     return 0 if most == 0.0 or 1e-2 <= most < 1e5 else 3 * math.floor(math.log10(most) / 3.0)

@@ -44,7 +44,7 @@ class TuneSpec:
     """The specification of a tuning.
 
     tuning, scoring : the cases of each part, without the searched parameters.
-    trials : how many sets of values are tried. generation : how many are chosen at once. seed : of the search.
+    trials : number of sets of values to try. generation : number of sets chosen at once. seed : of the search.
     """
 
     name: str
@@ -58,9 +58,9 @@ class TuneSpec:
 
     @classmethod
     def read(cls, file: Path, assignments: Mapping[str, object] | None = None) -> TuneSpec:
-        """The spec in `file`; `assignments` override what it fixes.
+        """The spec in `file`; `assignments` override its fixed values.
 
-        Raises InvalidParameter: it cannot be read, or an entry is not allowed, or a case would be tuned and scored on.
+        Raises InvalidParameter: the file cannot be read, an entry is not allowed, or a case is in both parts.
         """
         return cls.of_tables(file.stem, table_of(file), assignments)
 
@@ -95,11 +95,11 @@ class TuneSpec:
 
     @property
     def defaults(self) -> Values:
-        """The default values of what is searched."""
+        """The default values of the searched parameters."""
         return {one.name: one.default for one in self.space}
 
     def whole(self, values: Values) -> Spec:
-        """All cases with these values of what is searched, as one spec, so that their keys have the same form."""
+        """All cases with these values of the searched parameters in one spec, so that their keys have the same form."""
         own = {name: [value] for name, value in values.items()}
         products = tuple({**own, **axes} for axes in (*self.tuning.products, *self.scoring.products))
         return replace(self.tuning, products=products)
@@ -113,7 +113,7 @@ class TuneSpec:
         return self.whole(values).cases(slice(len(self.tuning.products), None))
 
     def _keep_apart(self) -> None:
-        """Raise InvalidParameter if a case to score on has the link, hand and seed of one to tune on."""
+        """Raise InvalidParameter if a scoring case has the link, hand and seed of a tuning case."""
         tuned = {_circumstances(self.tuning, case) for case in self.tuning.cases()}
         for case in self.scoring.cases():
             if _circumstances(self.scoring, case) in tuned:
@@ -124,7 +124,7 @@ class TuneSpec:
 
 
 def _circumstances(spec: Spec, case: Case) -> tuple[Any, ...]:
-    """Link, hand and seed of a case; equal ones are equal, however the link is written."""
+    """Link, hand and seed of a case, in a form in which equal links are equal, however they are written."""
     every = flat_of(spec.fixed, case.values)
     every |= {name: profile(name, every[name]) for name in ("link.up", "link.down")}
     hand = [name for name in every if name == "operator" or name.startswith((f"{LINK}.", "operator_hand."))]

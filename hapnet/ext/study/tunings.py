@@ -20,7 +20,7 @@ _SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damp
 
 
 def tuning(params: Params) -> dict[str, Any]:
-    """Return a coupling's rendering parameters: springs, dampers, its rule's choice, and the stiffness at best."""
+    """Return a coupling's rendering parameters: springs, dampers, its rule's choice, and the ideal stiffness."""
     params = choosing(params, spring)
     scalar = all(isinstance(side.stiffness, float) for side in (params.device, params.world))
     ideal = ideal_stiffness(params, params.world.wall.stiffness) if scalar else None
@@ -33,23 +33,23 @@ def tunings(plan: Plan, coupling: str) -> dict[str, dict[str, Any]]:
     operator, seed = plan.operators[0], plan.seeds[0]
     found = {}
     for link in plan.links:
-        with suppress(InvalidParameter):  # the case itself reports what is wrong
+        with suppress(InvalidParameter):  # the case itself reports the error
             found[link] = tuning(plan.case(Variant(coupling), link, operator, seed).params)
     return found
 
 
 def table(plan: Plan) -> Table:
-    """The rules' choices: one row per number, one column per link; equal values are shown once."""
-    made = Table(
+    """The rules' choices: a row for each number, a column for each link; equal values are shown once."""
+    result = Table(
         title="tuned by each law's own rule (shown once if all links have the same value)",
         title_justify="left",
         title_style="bold",
         padding=(0, 0),
     )
-    made.add_column("coupling")
-    made.add_column("", overflow="fold")
+    result.add_column("coupling")
+    result.add_column("", overflow="fold")
     for link in plan.links:
-        made.add_column(link, justify="right", overflow="fold")
+        result.add_column(link, justify="right", overflow="fold")
     for coupling in plan.couplings:
         over = tunings(plan, coupling)
         names = [name for name in next(iter(over.values()), {}) if name not in (*_SPRINGS, "ideal_stiffness_N_per_m")]
@@ -57,5 +57,5 @@ def table(plan: Plan) -> Table:
             values = [number(over[link][name]) if link in over else "–" for link in plan.links]
             if len(set(values)) == 1:
                 values[1:] = [""] * (len(values) - 1)
-            made.add_row("" if first else coupling, name, *values)
-    return made
+            result.add_row("" if first else coupling, name, *values)
+    return result

@@ -1,10 +1,10 @@
 """The stiffest wall that stays free of limit cycles: the upper end of the Z-width.
 
-J. E. Colgate and J. M. Brown (Factors affecting the Z-width of a haptic display, 1994) call so the range of impedances
-that a display can render passively. Here it is found as they found it, by trying: a hand presses into the wall and
-holds still, and the force must come to rest (`hapnet.ext.metrics.force.limit_cycles`). The springs and the wall are
-made stiffer together, so that what is felt is; bisection finds the stiffness at which the force does not come to rest
-any more. It supposes that there is one: a softer wall than one without limit cycles has none.
+J. E. Colgate and J. M. Brown (Factors affecting the Z-width of a haptic display, 1994) define the Z-width as the range
+of impedances that a display can render passively. As in their paper, it is found by trials: a hand presses into the
+wall and holds still, and the force must come to rest (`hapnet.ext.metrics.force.limit_cycles`). The springs and the
+wall are made stiffer together, so that the wall feels stiffer; bisection finds the stiffness from which on the force
+does not come to rest. This assumes that a wall is free of limit cycles if a stiffer wall is.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _HELD_S = UNTIL_S + 0.1
 
 
 class ZWidth(NamedTuple):
-    """Between which stiffnesses of the wall that is felt [N/m] limit cycles begin.
+    """The two stiffnesses of the wall as it is felt [N/m] between which limit cycles begin.
 
-    free : the largest one that was tried without a limit cycle; None: the smallest one has one already.
-    cycles : the smallest one that was tried with one; None: the largest one has none.
+    free : the largest tried stiffness without a limit cycle; None: the smallest stiffness has a limit cycle already.
+    cycles : the smallest tried stiffness with a limit cycle; None: the largest stiffness has none.
     """
 
     free: float | None
@@ -50,8 +50,8 @@ def z_width(
 ) -> ZWidth:
     """The stiffest wall for which no seed ends in a limit cycle, within a factor of `ratio`.
 
-    All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is what would be felt over
-    an ideal link (`ideal_stiffness`). The hand is that of `params` and presses to `operator_hand.goal_m`; its
+    All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is as it would be felt over
+    an ideal link (`ideal_stiffness`). The hand is set by `params` and presses to `operator_hand.goal_m`; its
     schedule and the duration are set here.
 
     Raises HapnetError, netem.NetemError: the parameters do not make a run.
@@ -70,13 +70,13 @@ def z_width(
     def felt(factor: float | None) -> float | None:
         return None if factor is None else ideal_stiffness(run := scaled(factor), run.world.wall.stiffness)
 
-    felt(1.0)  # so that springs that are no numbers are refused at once
+    felt(1.0)  # refuses springs that are no numbers at once
     found = maximum(free, least, most, ratio)
     return ZWidth(felt(found.free), felt(found.cycles))
 
 
 def maximum(free: Callable[[float], bool], least: float, most: float, ratio: float) -> ZWidth:
-    """Bisect, on a log scale, where `free` ends between `least` and `most`, until the two ends are within `ratio`."""
+    """Bisect, on a log scale from `least` to `most`, for the end of `free`, until both bounds are within `ratio`."""
     if not 0.0 < least < most:
         raise InvalidParameter("least", least, f"above 0 and below {most:g}, the largest")
     if not ratio > 1.0:

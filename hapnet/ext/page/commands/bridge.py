@@ -1,4 +1,4 @@
-"""`hapnet bridge`: a running pair on the topics of ROS 2."""
+"""`hapnet bridge`: publishes a running pair on the topics of ROS 2."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def bridge(
     bridged = RosBridge(node.types.classes, node.publish, namespace, node.wall_ns)
     watcher = Watcher(zenoh_settings(zenoh), bridged.take, session=session, name=name)
     end_s = time.monotonic() + (duration or float("inf"))
-    reported = ""
+    shown = ""
     with ExitStack() as closing:
         closing.callback(node.close)
         closing.callback(watcher.close)
@@ -62,9 +62,9 @@ def bridge(
                 node.open()
                 break
             except TransportError as error:
-                if str(error) != reported:
+                if str(error) != shown:
                     words.print(f"{error}; trying again", markup=False)
-                reported = str(error)
+                shown = str(error)
                 time.sleep(AGAIN_S)
         watcher.open()
         while time.monotonic() < end_s:
@@ -73,15 +73,15 @@ def bridge(
                 text = f"waiting for a pair's telemetry: {watcher.where} {watcher.problem}".rstrip()
             else:
                 text = "session {} of device {}".format(*watcher.pair) + f" is on ROS 2's domain {node.domain}"
-            if text != reported:
+            if text != shown:
                 words.print(text, markup=False)
-                reported = text
+                shown = text
     output.write_json({"published": bridged.published, "dropped": bridged.dropped}, json_to)
     return 0
 
 
 def _domain(given: int | None) -> int:
-    """The domain of ROS 2, which its users set in the environment."""
+    """The domain of ROS 2: as given, or from the environment."""
     if given is not None:
         return given
     value = os.environ.get("ROS_DOMAIN_ID") or "0"

@@ -1,4 +1,4 @@
-"""`hapnet play` with the world on another host: here are the hand's side, a process of its own, and the page."""
+"""`hapnet play` with the world on another host: the hand's side, in a process of its own, and the page run here."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from hapnet.recording.telemetry import Status, Telemetry
 if TYPE_CHECKING:
     from rich.console import Console
 
-FIXED = "the world is on another host: its own command sets scene, coupling and its link"
+FIXED = "the world is on another host: its command sets scene, coupling and the link from the world"
 
 FROM_WORLD = ("dof", "coupling", "rendering")
 """The parameters that this side takes from the world."""
 
 PATIENCE_S = 2.0
-"""After this time without a world it is said what is waited for [s]."""
+"""After this time without a world a line states what the command waits for [s]."""
 
 LINGER_S = 20.0
 """How long the hand's side may take to end when the page has failed [s]."""
@@ -51,7 +51,7 @@ LINGER_S = 20.0
 
 @dataclass(frozen=True)
 class FarWorld:
-    """Which world, how it is reached, and what this side leaves.
+    """The world to connect to, how to reach it, and the outputs of this side.
 
     seed, out, files, realtime, json_to : as of `hapnet device`.
     """
@@ -66,7 +66,7 @@ class FarWorld:
     json_to: str | None = None
 
     def words(self) -> list[str]:
-        """The flags of `hapnet device` for all that."""
+        """The flags of `hapnet device` for these settings."""
         words = [*self.zenoh.words(), "--session", self.session, "--name", self.name, "--seed", str(self.seed)]
         words += [] if self.out is None else ["--out", str(self.out)]
         words += [] if self.json_to is None else ["--json", self.json_to]
@@ -79,7 +79,7 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
     params : of the hand's side.
     """
     if far.zenoh.encrypt and far.zenoh.secret_file is None:
-        raise InvalidParameter("--encrypt", "given alone", "with --secret-file, by which the page reads what is shown")
+        raise InvalidParameter("--encrypt", "given alone", "with --secret-file, with which the page decrypts telemetry")
     settings = zenoh_settings(far.zenoh)
     words = output.console(far.json_to)
     with ExitStack() as closing:
@@ -106,7 +106,7 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
 
 
 def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console) -> Status:
-    """The world's first status; says what is waited for if it does not come."""
+    """The world's first status; while it is missing, print what the command waits for."""
     shown = ""
     since_s = time.monotonic()
     while True:
@@ -115,8 +115,8 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
         if time.monotonic() < since_s + PATIENCE_S:
             continue
         if watcher.telemetry.undecrypted:
-            raise InvalidParameter("--secret-file", None, "the file of the world's side: it encrypts what it sends")
-        text = f"waiting for a world that reports what it is: {watcher.where}"
+            raise InvalidParameter("--secret-file", None, "the world's file, as its telemetry is encrypted")
+        text = f"waiting for a world's telemetry: {watcher.where}"
         text += f" ({watcher.problem})" if watcher.problem else ""
         if text != shown:
             console.print(text, style="yellow", markup=False)
@@ -124,24 +124,24 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
 
 
 def fitting(params: Params, world: Status) -> Params:
-    """`params` with the axes, the coupling and the rendering of the world, where the user did not set them.
+    """`params` with the axes, the coupling and the rendering of the world, unless the user has set them.
 
-    Nothing else is taken from the network: a coupling of the user's own must be given here too.
+    Nothing else is taken from the network: a user's own coupling must be given here too.
     """
     theirs = world.about.get("params")
-    reported: dict[str, Any] = {"dof": world.about.get("dof")}
+    offered: dict[str, Any] = {"dof": world.about.get("dof")}
     if isinstance(theirs, dict) and theirs.get("coupling") in COUPLING_NAMES:
-        reported |= {name: theirs.get(name) for name in ("coupling", "rendering")}
-    changes = {name: value for name, value in reported.items() if value is not None and not params.asked(name)}
+        offered |= {name: theirs.get(name) for name in ("coupling", "rendering")}
+    changes = {name: value for name, value in offered.items() if value is not None and not params.asked(name)}
     return params.set({"scene": "free", **changes}, COMMAND)
 
 
 class MouseHand:
-    """The hand's side: a `hapnet device` whose hand is the mouse; the page's `Controls` of it.
+    """The hand's side, a `hapnet device` that the mouse moves, and the page's `Controls` of it.
 
-    Its words, the verdict and the files at its end are its own, on this terminal.
+    The child process prints its own lines and verdict on this terminal, and writes its own files.
 
-    history : gets the telemetry of both sides. closing : ends the process if nothing else has.
+    history : receives the telemetry of both sides. closing : ends the process if it still runs.
     """
 
     fixed = FIXED
@@ -167,7 +167,7 @@ class MouseHand:
         threading.Thread(target=_read, args=(ours, reader), name="telemetry", daemon=True).start()
 
     def wait(self) -> int:
-        """Pass on what asks this process to end, until the side has ended; returns its exit code."""
+        """Forward signals that end this process, until the side has ended; returns its exit code."""
         with handled(lambda number, frame: self._child.send_signal(number)):
             return self._child.wait()
 

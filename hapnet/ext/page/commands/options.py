@@ -1,4 +1,4 @@
-"""The flags that several of these commands have."""
+"""The flags that several commands of the page share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the 
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Where the live page is served."""
+    """The address and the port of the live page, and whether a browser opens it."""
 
     host: Host = "127.0.0.1"
     port: Port = 8080

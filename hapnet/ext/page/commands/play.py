@@ -1,4 +1,4 @@
-"""`hapnet play`: a pair of processes with the mouse as the hand, and the page that shows and changes them."""
+"""`hapnet play`: a pair of processes whose hand follows the mouse, and the page that shows and controls the pair."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def play(
     page: PageOptions,
 ) -> int:
     """Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
-    PSPM. Each coupling is a new pair, with a verdict of its own; --json writes the last one's summary. The page
-    says what the force is made of, and can also pause, restart and record. The hand is a relaxed one unless
+    PSPM. Each coupling is a new pair with its own verdict; --json writes the summary of the last pair. The page
+    shows the parts of the force, and can also pause, restart and record. The hand is relaxed unless
     `operator_hand` is set.
 
-    With -e or -l only the hand is here. The world is `hapnet world` on another host, which this side dials
-    (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are the world's. It ends as
-    `hapnet device` does.
+    With -e or -l only the hand runs here. The world is `hapnet world` on another host, which this side dials
+    (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are taken from the world. Ctrl-C ends it as it
+    ends `hapnet device`.
     """
     far = zenoh.leave_this_host
     base = Params().set(NO_LINK, COMMAND) if far else Params()
@@ -56,7 +56,7 @@ def play(
         allowed = "simulated: the mouse is the hand here; `hapnet view` shows a pair with your own device"
         raise InvalidParameter("hardware", chosen.hardware, allowed)
     if not chosen.telemetry_hz:
-        raise InvalidParameter("telemetry_hz", chosen.telemetry_hz, "above 0: the page shows what is published")
+        raise InvalidParameter("telemetry_hz", chosen.telemetry_hz, "above 0, as the page shows telemetry")
     if not far:
         for flag, given in (
             ("--session", session != "default"), ("--name", name != "device"), ("--no-files", not files),
@@ -120,7 +120,7 @@ def _play_here(
 
 
 def led(params: Params) -> Params:
-    """`params` for a hand that the mouse leads, without an end; the default hand becomes a relaxed one."""
+    """`params` for a hand that follows the mouse, without a duration; the default hand becomes relaxed."""
     from hapnet.assembly.operators import LIVE
 
     given = any(name.startswith("operator_hand.") for name in params.given)

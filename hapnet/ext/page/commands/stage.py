@@ -42,14 +42,14 @@ SESSION = "play"
 class PairSequence:
     """Pairs of processes, one after another, under the page's `Controls`.
 
-    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair,
-    whose force goes to zero, and starts another: with a fresh energy account, where the handle is. Each pair has a
-    verdict of its own, which is printed when it ends.
+    Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair:
+    its force goes to zero, and another pair starts at the handle's place, with a new energy account. Each pair has its
+    own verdict, which is printed when the pair ends.
 
-    More than twenty attributes: one for each control of the page, and what is known of the pair.
+    More than twenty attributes: one for each control of the page, and the state of the pair.
 
-    params, seed : of the first episode. out : where recordings go. address : where the world listens.
-    history : knows where the handle is, and the margins of both ports; shows the verdict of each pair that has ended.
+    params, seed : of the first episode. out : the directory for recordings. address : where the world listens.
+    history : holds the handle's place and the margins of both ports; shows the verdict of each pair that has ended.
     """
 
     fixed = ""
@@ -81,12 +81,12 @@ class PairSequence:
         self._recording = False
         self._repeats = Repeats(shown=1)
         self.summary: Summary | None = None
-        """Of the last pair that has ended."""
+        """The summary of the last pair that has ended."""
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run one episode after another until `stop` is set.
 
-        Raises HapnetError: a process failed; the message is its own.
+        Raises HapnetError: a process failed; the message comes from that process.
         """
         self._loop = asyncio.get_running_loop()
         with tempfile.TemporaryDirectory(prefix="hapnet-") as meshes:
@@ -146,7 +146,7 @@ class PairSequence:
         self._call(self._link, direction, str(link_profile(f"link.{direction}", text)))
 
     def coupling(self, name: str, rendering: str) -> None:
-        if (name, rendering) not in CHOICES.values():  # nothing is loaded by a name from the page, but the run's own
+        if (name, rendering) not in CHOICES.values():  # only the run's own coupling may be loaded by its name
             if name != self._first.coupling:
                 raise InvalidParameter("coupling", name, ", ".join(CHOICES), CHOICES)
             rendering = self._first.rendering
@@ -163,7 +163,7 @@ class PairSequence:
 
     def mesh(self, name: str, content: bytes) -> None:
         if self._meshes is None:
-            raise HapnetError("nothing runs yet")
+            raise HapnetError("no pair is running yet")
         file = self._meshes / f"{secrets.token_hex(4)}{Path(name).suffix.lower()}"
         file.write_bytes(content)
         self._anew({"scene": f"mesh:{file}?unit=mm", "dof": 0})
@@ -204,15 +204,15 @@ class PairSequence:
         self._call(change)
 
     def _handle(self) -> Vector | None:
-        """Where the handle was last in this world [m]; None: it has not been heard of."""
+        """The last place of the handle in this world [m]; None: no sample has arrived."""
         track = self._history.snapshot().device
         return None if track is None or self._elsewhere else tuple(track.position_m[-1].tolist())
 
     def _report(self, params: Params, pair: Pair, *, last: bool) -> Summary | None:
-        """Print the verdict on a pair that has ended, and give it to the page; returns its summary.
+        """Print the verdict on a pair that has ended, and pass it to the page; returns its summary.
 
-        last : no other pair follows; its summary is printed too. A process that was killed left no account, so what is
-        known of the pair is what the other one reported. None: the pair was replaced before it ran.
+        last : no other pair follows, so the summary is printed too. A process that was killed left no account; then
+        the summary has only the other process's report. Returns None if the pair was replaced before it ran.
         """
         if len(pair.parts) < 2 and not last:
             return None
@@ -250,7 +250,7 @@ class PairSequence:
     def _switch_recording(self, on: bool) -> None:
         self._recording = on
         if on:
-            if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins with it
+            if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins to record
                 self._record()
         else:
             self._send_both(lambda role: {"do": "record", "path": None})
@@ -268,7 +268,7 @@ class PairSequence:
                 self._pair.send(role, **command(role))
 
     def _on_notice(self, role: str, line: bytes, notice: dict[str, Any]) -> None:
-        """Show warnings and errors. A servo is often late beside a browser: a line every ten seconds says how often."""
+        """Show warnings and errors. Beside a browser a servo is often late; a line every ten seconds counts this."""
         kind, text = notice["kind"], notice["text"]
         if notice["level"] == "info" or self._over.is_set():
             return

@@ -1,4 +1,4 @@
-"""`hapnet view`: the page of a pair that runs elsewhere, or of a recording. It only watches."""
+"""`hapnet view`: serves the page of a pair that runs elsewhere, or of a recording. It only watches."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def view(
     """
     if files:
         if session or name or zenoh.connect or zenoh.listen or zenoh.config:
-            raise InvalidParameter("FILE", [str(file) for file in files], "left out where a running pair is watched")
+            raise InvalidParameter("FILE", [str(file) for file in files], "left out to watch a running pair")
         return play_back(files, page)
     from hapnet.commands.side import zenoh_settings
     from hapnet.ext.page.history import History
@@ -62,10 +62,10 @@ def view(
         words.print(f"open {served.url} to watch; Ctrl-C ends")
         if page.browser:
             show(served.url)
-        reported = ""
+        shown = ""
         while True:
-            if (text := _state(watcher)) != reported:
-                reported = text
+            if (text := _state(watcher)) != shown:
+                shown = text
                 words.print(text)
             time.sleep(LOOK_S)
 
@@ -107,14 +107,14 @@ def show(url: str) -> None:
 
 
 def _state(watcher: Watcher) -> str:
-    """The state of the recordings or the pair on the page, as text."""
+    """The state of the watched pair, as text."""
     if watcher.pair is None:
         problem = f" ({watcher.problem})" if watcher.problem else ""
         return f"waiting for a pair's telemetry: {watcher.where}{problem}"
     text = "watching session {} of device {}".format(*watcher.pair)
     if watcher.telemetry.undecrypted:
-        text += "; it encrypts: --secret-file with the word of its sides lets you see it"
+        text += "; its telemetry is encrypted: give the pair's --secret-file to see it"
     if watcher.others:
         more = ", ".join(" ".join(pair) for pair in sorted(watcher.others))
-        text += f"; others that --session and --name can choose: {more}"
+        text += f"; other pairs, to choose by --session and --name: {more}"
     return text

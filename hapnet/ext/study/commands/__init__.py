@@ -1,1 +1,1 @@
-"""The commands that make many runs alike: `hapnet compare`, `sweep`, `tune` and `transparency`."""
+"""The commands that make many runs: `hapnet compare`, `sweep`, `tune` and `transparency`."""

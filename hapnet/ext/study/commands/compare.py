@@ -1,4 +1,4 @@
-"""`hapnet compare`: every coupling over the same links, with the same hands and seeds: tables, JSON and figures."""
+"""`hapnet compare`: compares couplings over the same links, hands and seeds, in tables, JSON and figures."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 _LINKS = "What is compared"
 
 PAGE = "compare.md"
-"""The tables of a comparison as Markdown; of all sections together, in the directory above theirs."""
+"""The tables of a comparison as Markdown; the directory above the sections has the tables of all sections."""
 
 _SHORT_S, _AT_ONCE_S = 5.0, 300.0
-"""How long a case is run at most to estimate its time, and how much simulated time in all needs no estimate [s]."""
+"""The longest run of a case for the estimate of its time, and the total simulated time without an estimate [s]."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class CompareOptions:
         typer.Option(
             metavar="quick|full|SECTION[,SECTION]",
             help=f"quick: {QUICK.about}. full: {', '.join(FULL)}; or some of these sections. Couplings, links, "
-            "operators, seeds and parameters that are given count for all of them.",
+            "operators, seeds and parameters that you give apply to all of them.",
             rich_help_panel=_LINKS,
             autocompletion=complete.words("quick", "full", *FULL),
         ),
@@ -98,7 +98,7 @@ class CompareOptions:
         str | None,
         typer.Option(
             metavar="W[,W]",
-            help="Perceptual deadbands, as Weber fractions; each coupling is tried with each. 0: none.",
+            help="Perceptual deadbands, as Weber fractions, each tried with each coupling. 0: none.",
             rich_help_panel=_LINKS,
             show_default="0; without any list the first coupling with 0.1 too",
         ),
@@ -122,10 +122,8 @@ class CompareOptions:
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
         False
     )
-    dry_run: Annotated[bool, own.dry_run("Say what would be compared, estimate the time by a few cases, and end.")] = (
-        False
-    )
-    metrics: Annotated[bool, typer.Option("--metrics", help="Print what each metric means and end.")] = False
+    dry_run: Annotated[bool, own.dry_run("List the cases, estimate the time by a few of them, and end.")] = False
+    metrics: Annotated[bool, typer.Option("--metrics", help="Print the definition of each metric and end.")] = False
 
 
 def compare(
@@ -139,9 +137,9 @@ def compare(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-compare")] = None,
 ) -> int:
-    """Says first how many cases there are. `hapnet compare` alone has a set of its own; as soon as couplings, links,
-    operators, seeds or deadbands are named, it runs these and no others. Prints one table per link. Writes all cases as
-    JSON, the traces of one case and a figure of all cases.
+    """Prints first how many cases there are. `hapnet compare` alone runs a default set; if you give couplings, links,
+    operators, seeds or deadbands, it runs only these. Prints a table for each link. Writes all cases as JSON, the
+    traces of one case and a figure of all cases.
     """
     from hapnet.ext.study.plans import BASE, drawn_case
 
@@ -196,7 +194,7 @@ def _compare(
     written: output.Written,
     whole: dict[str, Any],
 ) -> int:
-    """Run one plan and show it; `whole` gets all of it. Returns the exit code if it was stopped, else 0."""
+    """Run a plan, show the result and add it to `whole`. Returns the exit code if the run was stopped, else 0."""
     from hapnet.ext.study import tables, tunings
     from hapnet.ext.study.backend import local_workers
     from hapnet.ext.study.commands import studies
@@ -210,15 +208,15 @@ def _compare(
         ran = studies.run_missing(console, journal, "comparing", lambda cases: local_workers(min(workers, cases)))
         if ran.stopped is not None:
             top = directory if given.bench == "quick" else directory.parent
-            again = f"with --out {top} the same command goes on" if given.files else "nothing is kept"
+            again = f"with --out {top} the same command continues" if given.files else "no results are kept"
             return studies.stop(ran, again)
         found = Comparison.of(plan, journal)
     whole |= found.as_dict()
     whole["wall_clock"] = {"cases": len(found), "seconds": ran.lasted_s, "workers": workers}
-    there = []
+    names = []
     if given.files:
         with Progress(output.progress_console(), "drawing"):
-            there = _write(directory, title, found, drawn, whole, written)
+            names = _write(directory, title, found, drawn, whole, written)
     for table in tables.tables(plan, found.groups, console.width):
         console.print(table, soft_wrap=False)
     for line in found.headline:
@@ -228,10 +226,10 @@ def _compare(
         console.print(chosen, soft_wrap=False)
     for line in tables.failures(found.outcomes):
         console.print(line, style="red", markup=False)
-    before = f", {ran.before} of them before" if ran.before else ""
+    before = f", {ran.before} of them from an earlier run" if ran.before else ""
     console.print(f"{len(found)} cases{before}, in {ran.lasted_s:.0f} s")
-    if there:
-        console.print(f"{', '.join(there)} in {directory}", markup=False)
+    if names:
+        console.print(f"{', '.join(names)} in {directory}", markup=False)
     written.broken += [f"{case}: the coupling claims to be passive, and was not" for case in found.broken]
     return 0
 
@@ -258,14 +256,14 @@ def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
 
 
 def _announce(console: Console, plans: Mapping[str, Plan], given: CompareOptions) -> None:
-    """Say how many cases there are and, unless that is at once, how long they take."""
+    """Print how many cases there are and, unless they take only seconds, how long they take."""
     from hapnet.ext.study.commands.studies import check_cases
 
     cases = {name: plan.spec.cases() for name, plan in plans.items()}
     for name, plan in plans.items():
         parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
-        reported = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
-        console.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(reported)}", markup=False)
+        counts = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
+        console.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(counts)}", markup=False)
         if given.dry_run:
             for values, part in parts:
                 console.print(f"  {part}: {'; '.join(map(str, values))}", markup=False)
@@ -308,7 +306,7 @@ def _report_time(
 def _write(
     directory: Path, title: str, found: Comparison, drawn: ComparedRun, whole: dict[str, Any], written: output.Written
 ) -> list[str]:
-    """Write compare.json, compare.csv, compare.md and the figures; returns a text with what was written."""
+    """Write compare.json, compare.csv, compare.md and the figures; returns a description of each written file."""
     from hapnet.ext.pictures.style import save, save_figure
     from hapnet.ext.study import figures, markdown
 

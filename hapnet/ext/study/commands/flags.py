@@ -1,4 +1,4 @@
-"""The flags that several of these commands have."""
+"""The flags that several of these commands share."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ RetryFailed = Annotated[bool, typer.Option("--retry-failed", help="Run the faile
 
 
 def dry_run(help: str) -> Any:
-    """The flag `--dry-run` of a command; `help` says what it tells."""
+    """The flag `--dry-run` of a command, with its help text."""
     return typer.Option("--dry-run", help=help)

@@ -1,4 +1,4 @@
-"""Parts that `hapnet sweep`, `hapnet compare` and `hapnet tune` share: bars of progress, checks, estimates, flags."""
+"""Parts that `hapnet sweep`, `hapnet compare` and `hapnet tune` share: progress bars, checks, estimates, flags."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ Part = TypeVar("Part")
 INTERRUPTED = 130
 
 REASONS = 3
-"""Of many reasons or warnings the most frequent ones are shown."""
+"""The number of the most frequent reasons or warnings that are shown."""
 
 
 @contextmanager
 def journal_of(
     console: Console, spec: Spec, cases: Sequence[Case], directory: Path, *, fresh: bool, retry_failed: bool
 ) -> Iterator[Journal]:
-    """The journal of these cases in `directory`; those of a new one are checked first. Says how many are done."""
+    """The journal of these cases in `directory`; a new journal's cases are checked first. Prints how many are done."""
     if fresh or not (directory / NAME).exists():
         check_cases(console, spec, cases)
     with closing(Journal.create_or_resume(output.run_directory(directory, None), spec, cases, fresh=fresh)) as journal:
@@ -47,7 +47,7 @@ def journal_of(
 
 
 def about(console: Console, ran: Ran) -> dict[str, Any]:
-    """Return how a study ran, for its JSON; print how fast it was."""
+    """Return the numbers of a study's run, for its JSON; print its speed."""
     new = ran.done - ran.before
     if new:
         console.print(f"{new} cases in {ran.lasted_s:.1f} s: {new / ran.lasted_s:.1f} a second")
@@ -62,9 +62,9 @@ def run_missing(
     rounds: Iterable[object] = (None,),
     most: int = 0,
 ) -> Ran:
-    """As `hapnet.ext.study.run.run_missing`, with a bar of progress, and a warning if another version began it."""
+    """As `hapnet.ext.study.run.run_missing`, with a progress bar, and a warning if another version began the study."""
     if journal.other_version is not None:
-        text = f"hapnet {journal.other_version} ran the first of these cases: its results are kept, and may differ"
+        text = f"hapnet {journal.other_version} ran the first of these cases; its results are kept, but may differ"
         output.show_warnings(console, (text,))
     with Progress(output.progress_console(), doing, max(most, journal.count()[0]), "cases") as bar:
         return running.run_missing(journal, backend, lambda done, _: bar.update(done), rounds, most)
@@ -80,8 +80,8 @@ def stop(ran: Ran, how_to_go_on: str) -> int:
 
 
 def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[int], Backend]:
-    """Return a function that makes, for so many cases, `workers` processes here (0: one per core), or those of the
-    scheduler at `dask`.
+    """Return a function that, for a number of cases, starts `workers` processes here (0: one per core), or connects to
+    the workers of the scheduler at `dask`.
 
     Raises InvalidParameter, HapnetError: as `DaskCluster` does, once it is called.
     """
@@ -103,7 +103,7 @@ def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[in
 
 
 def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Case]:
-    """The cases that can run. What is wrong with the others is printed; raises HapnetError if none can run."""
+    """The cases that can run. Prints the first error of the others; raises HapnetError if no case can run."""
     sets: dict[str, list[Case]] = {}
     for case in cases:
         sets.setdefault(case.parameters, []).append(case)
@@ -131,10 +131,10 @@ def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Cas
 
 @dataclass(frozen=True)
 class PartKind(Generic[Part]):
-    """Parts of a study that take alike.
+    """Parts of a study that take about the same time.
 
-    name : of one. some : of them. count : how many there are. times : one takes so many times what `run` takes with it,
-    if that runs less of it.
+    name : of a part. some : the parts to time. count : the number of all parts. times : the factor from the time of
+    `run`, which may run only a section of a part, to the time of the whole part.
     """
 
     name: str
@@ -146,7 +146,7 @@ class PartKind(Generic[Part]):
 def estimate_cases(
     console: Console, fixed: Values, cases: Sequence[Case], count: int, workers: int, dask: str | None = None
 ) -> None:
-    """Print how long `count` cases such as these take, by a few of them. `workers` and `dask` as `workers_of`."""
+    """Print how long `count` such cases take, from a few of them. `workers` and `dask` are as in `workers_of`."""
     failed: list[str] = []
 
     def run(case: Case) -> None:
@@ -165,24 +165,24 @@ def estimate(
     workers: int,
     dask: str | None = None,
 ) -> None:
-    """Print how long ``run(part)`` takes for all parts, by a few of each kind."""
-    reported, sum_s, parts = [], 0.0, 0
-    with Progress(output.progress_console(), "running a few, to see how long they take"):
+    """Print how long ``run(part)`` takes for all parts, from a few of each kind."""
+    lines, sum_s, parts = [], 0.0, 0
+    with Progress(output.progress_console(), "running a few cases to estimate the time"):
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)
             mean_s *= kind.times
-            reported.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
+            lines.append(f"a {kind.name} takes {mean_s:.2g} s (mean of {of})")
             sum_s, parts = sum_s + mean_s * kind.count, parts + kind.count
     if dask is not None:
-        reported.append(f"all of them, {duration(sum_s)} in all, shared by the cluster's workers")
+        lines.append(f"all of them, {duration(sum_s)} in total, shared by the cluster's workers")
     else:
         at_once = min(workers or usable_cores(), parts)
-        reported.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
-    console.print("; ".join(reported))
+        lines.append(f"all of them, with {at_once} worker{'s' * (at_once > 1)}: about {duration(sum_s / at_once)}")
+    console.print("; ".join(lines))
 
 
 def names_of(given: Sequence[str] | None) -> list[str]:
-    """The names given by a flag that may be repeated, and may name several with commas between them."""
+    """The names from a flag that may be repeated, and may have several names separated by commas."""
     return [name.strip() for names in given or () for name in names.split(",")]
 
 
@@ -198,7 +198,7 @@ def deadbands(text: str) -> list[float]:
 
 
 def assigned(flag: str, given: Sequence[str]) -> dict[str, str]:
-    """The names and values of several NAME=VALUE. Raises InvalidParameter."""
+    """Split several NAME=VALUE into names and values. Raises InvalidParameter."""
     found: dict[str, str] = {}
     for word in given:
         name, equals, value = word.partition("=")

@@ -1,4 +1,4 @@
-"""`hapnet sweep` and `hapnet sweep plot`: thousands of cases in virtual time, and a figure of them."""
+"""`hapnet sweep` and `hapnet sweep plot`: run thousands of cases in virtual time, and draw their results."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class RunByDefault(TyperGroup):
     """`hapnet sweep SPEC.toml` is `hapnet sweep run SPEC.toml`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        asked_for_words = ctx.resilient_parsing and not args  # TAB: offer the names of both commands
-        if not asked_for_words and (not args or args[0] not in self.commands):
+        completing = ctx.resilient_parsing and not args  # TAB: offer the names of both commands
+        if not completing and (not args or args[0] not in self.commands):
             args = [RUN, *args]
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
-        """The names of both commands, and what may follow `run`, whose name may be left out."""
+        """Offer the names of both commands, and the arguments of `run`, whose name may be left out."""
         default = self.commands[RUN]
         within = default.make_context(RUN, [], parent=ctx, resilient_parsing=True)
         offered = [*super().shell_complete(ctx, incomplete), *default.shell_complete(within, incomplete)]
@@ -52,7 +52,7 @@ app: typer.Typer = typer.Typer(cls=RunByDefault, add_completion=False)
 )
 def run(
     spec: Annotated[
-        Path, typer.Argument(metavar="SPEC.toml", help="What is fixed and what varies.", autocompletion=complete.specs)
+        Path, typer.Argument(metavar="SPEC.toml", help="Fixed and varied parameters.", autocompletion=complete.specs)
     ],
     workers: own.Workers = 0,
     dask: own.Dask = None,
@@ -70,8 +70,8 @@ def run(
 ) -> int:
     """Run every combination of parameters, links and seeds that SPEC.toml lists, in virtual time.
 
-    After a stop or a crash the same command continues: it runs only cases without a result. A case that fails gets a
-    row that says why.
+    After a stop or a crash the same command continues: it runs only cases without a result. A case that fails has a
+    row with the reason.
 
     Writes results.csv (and results.parquet), sorted by case, and journal.sqlite, from which a later run continues.
     """
@@ -117,7 +117,7 @@ def run(
         with written.part():
             output.write_json({**about, "errors": dict(reasons), "files": [str(file) for file in files]}, json_to)
         if ran.stopped is not None:
-            return studies.stop(ran, "the same command goes on")
+            return studies.stop(ran, "the same command continues")
         from hapnet.summary.causes import INCOMPLETE  # here, since it loads numpy
 
         return written.code(INCOMPLETE if failed else 0)
@@ -174,8 +174,8 @@ def _show(console: Console, cases: list[Case], directory: Path) -> None:
     for case in [*cases[:_SHOWN], *cases[max(_SHOWN, len(cases) - _SHOWN) :]]:
         if case.number == len(cases) - _SHOWN > _SHOWN:
             console.print("  ...")
-        reported = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
-        console.print(f"  {case.number}: {', '.join([*reported, f'{SEED} = {case.seed}'])}", markup=False)
+        settings = [f"{name} = {value_words(name, value)}" for name, value in case.values.items()]
+        console.print(f"  {case.number}: {', '.join([*settings, f'{SEED} = {case.seed}'])}", markup=False)
 
 
 def _units() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""`hapnet transparency`: what couplings transmit of a wall over frequency, and how stiff it may be."""
+"""`hapnet transparency`: measures the impedance that couplings transmit, and the stiffest stable wall."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class TransparencyOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Of a tool: along-x, -y or -z, or about-x, -y or -z; repeat it, or separate names by commas. "
-            "Default: along the axis into the first solid, and about the next one.",
+            help="Motion of a tool: along-x, -y or -z, or about-x, -y or -z; repeat it, or separate names by commas. "
+            "Default: along the axis into the first solid, and about the next axis.",
         ),
     ] = None
     z_width: Annotated[
@@ -67,9 +67,7 @@ class TransparencyOptions:
         ),
     ] = False
     workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
-    dry_run: Annotated[bool, own.dry_run("Say what would be measured, estimate the time by a few runs, and end.")] = (
-        False
-    )
+    dry_run: Annotated[bool, own.dry_run("Count the runs, estimate the time by a few of them, and end.")] = False
 
 
 def transparency(
@@ -94,9 +92,9 @@ def transparency(
     out: Annotated[Path | None, flags.out_in("runs/<UTC time>-transparency")] = None,
 ) -> int:
     """Prints a table; writes a figure and all numbers as JSON. With --scene 'tool:box + plane' a tool is moved along an
-    axis and turned about another: in N/m and Nm/rad, beside the tool itself. --z-width adds the stiffest wall without
-    limit cycles, and the stiffest stable spring of the device, over servo rates and own dampings, beside Colgate's
-    bound.
+    axis and turned about another: in N/m and Nm/rad, compared with the tool itself. --z-width adds the stiffest wall
+    without limit cycles, and the stiffest stable spring of the device, over servo rates and own dampings, compared with
+    Colgate's bound.
     """
     chosen = params.over(Params(), model.named())
     if params.show_params:
@@ -113,7 +111,7 @@ def transparency(
     from hapnet.processes.pool import dealt, usable_cores
 
     motions = _motions(options, chosen)
-    # a tool moves on a spring of its own, which waves and velocities do not give it
+    # a tool moves on a spring in the world, which couplings by waves or velocities do not have
     usable = [name for name in COUPLING_NAMES if not any(motions) or "world" in coupling(name).set_positions]
     names = names_of(options.coupling) or usable
     for name in names:
@@ -123,7 +121,7 @@ def transparency(
             raise InvalidParameter(name, chosen.get(name), f"left out: here --{name.partition('.')[0]} sets it")
     for name in ("operator", "duration_s"):
         if name in chosen.given:
-            raise InvalidParameter(name, chosen.get(name), "left out: the motion that is measured is always the same")
+            raise InvalidParameter(name, chosen.get(name), "left out: the measured motion is always the same")
     links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
         SearchTask(
@@ -173,7 +171,7 @@ def transparency(
     output.write_json(whole, str(directory / "transparency.json"))
     words.print(_table(curves, widths))
     words.print(
-        f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which what is transmitted is 3 dB from the true "
+        f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which the transmitted impedance is 3 dB from the true "
         f"{'tool' if any(motions) else 'wall'}; median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm"
         f"{', or turned by 2.9°,' if any(motions) else ''} about 10 mm inside the wall.",
         markup=False,
@@ -188,7 +186,7 @@ def transparency(
 
 
 def _show(console: Console, tasks: Sequence[SearchTask], workers: int) -> None:
-    """Say what would be measured, and how long it takes."""
+    """Print the number of runs, and how long they take."""
     from hapnet.ext.study import transparency
     from hapnet.ext.study.commands.studies import PartKind, estimate
 
@@ -206,7 +204,7 @@ def _show(console: Console, tasks: Sequence[SearchTask], workers: int) -> None:
 
 
 def _motions(given: TransparencyOptions, params: Params) -> tuple[str, ...]:
-    """Of a tool; "" alone: into a wall. Raises InvalidParameter: what is asked for does not fit the scene."""
+    """The motions of a tool; "" alone: into a wall. Raises InvalidParameter: the flags do not fit the scene."""
     from hapnet.ext.study.commands.studies import names_of
 
     named = tuple(names_of(given.motion))

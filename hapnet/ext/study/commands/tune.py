@@ -26,14 +26,14 @@ def tune(
     spec: Annotated[
         Path,
         typer.Argument(
-            metavar="SPEC.toml", help="What is searched, what is wanted, and the cases.", autocompletion=complete.specs
+            metavar="SPEC.toml", help="Searched parameters, objective and cases.", autocompletion=complete.specs
         ),
     ],
     workers: own.Workers = 0,
     dask: own.Dask = None,
     assign: flags.Assign = None,
     dry_run: Annotated[
-        bool, own.dry_run("Check the spec, say what would run, estimate the time by a few cases.")
+        bool, own.dry_run("Check the spec, list what would run, estimate the time by a few cases.")
     ] = False,
     retry_failed: own.RetryFailed = False,
     fresh: Annotated[
@@ -42,8 +42,8 @@ def tune(
     json_to: flags.Json = None,
     out: Annotated[Path | None, flags.out_in("runs/tune-<SPEC>")] = None,
 ) -> int:
-    """SPEC.toml names the parameters with their ranges, the objective, the constraints, and the cases as a sweep's
-    does: see examples/tune/pspm.toml. After a stop or a crash the same command continues.
+    """SPEC.toml has the parameters with their ranges, the objective, the constraints, and the cases as in a sweep: see
+    examples/tune/pspm.toml. After a stop or a crash the same command continues.
 
     Writes found.toml (for --params), trials.csv, a figure, results.csv with all cases, and journal.sqlite.
     """
@@ -78,10 +78,10 @@ def tune(
         if files:
             words.print(f"files: {', '.join(files)} in {directory}", markup=False)
         with written.part():
-            reported = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
-            output.write_json(reported, json_to)
+            whole_result = {**about, **tune_results.as_dict(search), "files": [str(directory / name) for name in files]}
+            output.write_json(whole_result, json_to)
         if ran.stopped is not None:
-            return studies.stop(ran, "the same command goes on")
+            return studies.stop(ran, "the same command continues")
         return written.code()
 
 
@@ -108,7 +108,7 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
         save_figure(tuned(search), directory / FIGURE)
         files.append(FIGURE)
     if search.best is None or not ended:
-        (directory / FOUND).unlink(missing_ok=True)  # of another search with the same cases
+        (directory / FOUND).unlink(missing_ok=True)  # it may be from another search with the same cases
     else:
         with written.part():
             tune_results.write_found(search.spec, search.trials[search.best].values, directory / FOUND)
@@ -117,7 +117,7 @@ def _write(search: Search, journal: Journal, directory: Path, written: output.Wr
 
 
 def _report(console: Console, search: Search, written: output.Written) -> None:
-    """Print the tables, and note what is missing from a good result."""
+    """Print the tables, and note why a result is not good."""
     from hapnet.ext.study import tune_results
 
     scores, best = search.scores, search.best
@@ -125,17 +125,15 @@ def _report(console: Console, search: Search, written: output.Written) -> None:
     for table in tune_results.tables(search.spec, scores):
         console.print(table)
     for name in search.unmeasured:
-        output.show_warnings(console, (f"no case to tune on has a value of {name}: it had no part in the search",))
+        output.show_warnings(console, (f"no tuning case has a value of {name}: it had no influence on the search",))
     if best is None:
         verdicts = search.verdicts()
         nearest = min(range(len(verdicts)), key=lambda i: verdicts[i].excess)
         why = [str(one) for one, held in zip(search.spec.goal.constraints, verdicts[nearest].held, strict=True)
                if not held.met]  # fmt: skip
-        reported = (
-            f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
-        )
+        line = f"no trial of {len(verdicts)} keeps all constraints and has a finite objective; the nearest, {nearest},"
         without = "has cases that failed" if verdicts[nearest].failed else "has too many cases without a value"
-        written.missing.append(f"{reported} {'breaks: ' + ', '.join(why) if why else without}")
+        written.missing.append(f"{line} {'breaks: ' + ', '.join(why) if why else without}")
         return
     default, found = scores[0].verdicts(search.spec)
     assert found is not None
@@ -145,9 +143,9 @@ def _report(console: Console, search: Search, written: output.Written) -> None:
         console.print("the defaults, which are outside of the ranges, are better than every trial", style="yellow")
     _, scored = scores[1].verdicts(search.spec)
     if scored is not None and scored.failed:
-        written.missing.append(f"{scored.failed} of the cases to score on failed with the values found")
+        written.missing.append(f"{scored.failed} of the scoring cases failed with the values found")
     elif scored is not None and not scored.allowed:
-        console.print("on the cases to score on the values found break a constraint", style="yellow")
+        console.print("in the scoring cases the values found break a constraint", style="yellow")
 
 
 def _show(console: Console, spec: TuneSpec, directory: Path) -> None:
@@ -160,8 +158,8 @@ def _show(console: Console, spec: TuneSpec, directory: Path) -> None:
     )
     for one in spec.space:
         console.print(f"  {one.name}: {one}, default {value_words(one.name, one.default)}", markup=False)
-    for heading, reported in (("objective", spec.goal.terms), ("constraints", spec.goal.constraints)):
-        console.print(f"  {heading}: {', '.join(map(str, reported)) or 'none'}", markup=False)
+    for heading, parts in (("objective", spec.goal.terms), ("constraints", spec.goal.constraints)):
+        console.print(f"  {heading}: {', '.join(map(str, parts)) or 'none'}", markup=False)
     own = {one.name for one in spec.space}
     for part, cases in zip(PARTS, (tuned, scored), strict=True):
         case = cases[0]
