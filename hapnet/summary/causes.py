@@ -72,7 +72,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     "restart": Cause(None, 0, "the {side} was restarted: the account of its earlier process is not known"),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
     "contradiction": Cause(
-        None, CONTRADICTED, "somebody else spoke in the {side}'s name: {messages}"
+        None, CONTRADICTED, "another sender used the {side}'s name: {messages}"
     ),
     "deficit": Cause(None, 0, "the {side} gave out {energy} mJ that its reservoir did not have"),
     "dead stream": Cause(
@@ -97,7 +97,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "blocked": Cause(True, INCOMPLETE, "the {side}'s driver blocks: {what}"),
     "unproved": Cause(
-        True, 0, "nobody proved who the peer is: there was neither a secret nor a certificate"
+        True, 0, "the peer's identity is not proven: there was neither a secret nor a certificate"
     ),
 })  # fmt: skip
 """In the order in which a verdict names them."""

@@ -260,7 +260,7 @@ def test_nobody_proves_who_the_peer_is(hosts: TwoHosts) -> None:
     world = hosts.start("world", "--duration", "6")
     device = hosts.start("device", *PRESSES)
     for name, program in (("device", device), ("world", world)):
-        expected = known("unproved", code=0, says="^passive: .*nobody proved who the peer is")
+        expected = known("unproved", code=0, says="^passive: .*the peer's identity is not proven")
         judged(f"neither word nor certificate: {name}", hosts.ended(program), expected)
 
 
@@ -371,6 +371,6 @@ def test_a_stranger_who_welcomes_both_in_the_others_name(hosts: TwoHosts) -> Non
         got = hosts.ended(device)
     finally:
         stranger.kill()
-    expected = known("contradiction", code=5, says="somebody else spoke in the world's name",
+    expected = known("contradiction", code=5, says="another sender used the world's name",
                      also=("unproved", "account", "peer lost", "accounts"))  # fmt: skip
     judged("a stranger between both", got, expected)

@@ -13,7 +13,7 @@ from tests.support.stranger import Plan
 
 LINKS = ("", "lan", "wifi", "delay 20ms 5ms loss 5%")
 SIDES: tuple[Role, Role] = ("device", "world")
-NOBODY = "nobody proved who the peer is"
+NOBODY = "the peer's identity is not proven"
 
 
 def params(rng: random.Random) -> Params:

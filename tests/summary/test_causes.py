@@ -71,7 +71,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "contradiction": (
         {"device.contradictions": {"senders": 3}},
-        "somebody else spoke in the world's name: 3 of its energy messages cannot all be of one sender",
+        "another sender used the world's name: 3 of its energy messages cannot all be of one sender",
     ),
     "deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),
     "dead stream": (
@@ -114,7 +114,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "unproved": (
         {"device.peer": {"proof": "nobody"}},
-        "nobody proved who the peer is: there was neither a secret nor a certificate",
+        "the peer's identity is not proven: there was neither a secret nor a certificate",
     ),
 }  # fmt: skip
 

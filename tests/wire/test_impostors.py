@@ -253,14 +253,14 @@ def summary(**peer: Any) -> dict[str, Any]:
 def test_the_verdict_says_that_nobody_proved_who_the_peer_is(proof: str | None) -> None:
     verdict = judge(summary(peer={"proof": proof}))
     assert verdict["passive"] is True
-    assert ("nobody proved who the peer is" in verdict["reason"]) == (proof == "nobody")
+    assert ("the peer's identity is not proven" in verdict["reason"]) == (proof == "nobody")
 
 
 @pytest.mark.parametrize("kind", ["keys", "seals"])
 def test_the_verdict_is_not_known_where_somebody_else_spoke(kind: str) -> None:
     tree = summary(contradictions={kind: 3})
     assert judge(tree)["passive"] is None
-    assert judge(tree)["reason"].startswith("somebody else spoke in the world's name: ")
+    assert judge(tree)["reason"].startswith("another sender used the world's name: ")
     assert contradicted(tree)
     assert not contradicted(summary())
     assert read(tree)["device"] is not None
