@@ -171,6 +171,7 @@ _MODULES = {
     "driven robots": "hapnet.ext.robots.robot_side",
     "compiling": "hapnet.ext.compiled.progress",
     "compiled": "hapnet.ext.compiled.whole_runs.coverage",
+    "compiled names": "hapnet.ext.compiled.names",
     "compiled ends": "hapnet.ext.compiled.real_time",
     "compiled runs": "hapnet.ext.compiled.whole_runs.run",
     "pictures": "hapnet.ext.pictures.run",

@@ -97,9 +97,8 @@ def run(
                         progress.stage("running", chosen.duration_s or None)
                     progress.update(float(notice["text"]))
 
-            real_time = extension("compiled ends")
-            for part in real_time.missing(setup.params):
-                real_time.make_ready(part)
+            for part in extension("compiled names").missing(setup.params):
+                extension("compiled ends").make_ready(part)
             reads = not is_simulated(chosen.hardware) and may_read_input()
             pair = Pair(chosen, seed, directory, on_notice, realtime=realtime, keyboard=reads)
             with terminal_restored():

@@ -102,10 +102,9 @@ def _main(
     log = Log(role, words, log_to, progress=given.progress)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
-    real_time = extension("compiled ends")
-    for part in real_time.missing(setup.params) if role == "device" else ():
+    for part in extension("compiled names").missing(setup.params) if role == "device" else ():
         log.write(Notice("compiling", "compiling, once for all runs", time.monotonic_ns()))
-        real_time.make_ready(part)
+        extension("compiled ends").make_ready(part)
     written, started_by = output.Written(), int(os.environ.get(PARENT, "0"))
     orphaned = os.environ.pop(ORPHANED, None)
     page, parent = map(int, os.environ.pop(PAGE, "0 0").split())

@@ -43,7 +43,6 @@ from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event, PostureSample
-from hapnet.records.machine_code import no_compiler
 from hapnet.side.endpoint import WireHalf
 from hapnet.summary.run import SidePart, unknown_device
 from hapnet.wire.fields import Signal
@@ -302,9 +301,7 @@ def control_of(
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
-        if no_compiler() is None:
-            compiled = extension("compiled ends")
-            for part in compiled.missing(setup.params):
-                compiled.make_ready(part)  # the servo's process only loads it
+        for part in extension("compiled names").missing(setup.params):
+            extension("compiled ends").make_ready(part)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
     return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)

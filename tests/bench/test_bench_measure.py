@@ -21,7 +21,7 @@ from hapnet.ext.bench.plants import PairedDevice
 from hapnet.ext.bench.registry import ROWS
 from hapnet.ext.bench.row import Call, Options, Row, cost
 from hapnet.ext.bench.wire import credit_times, link_release
-from hapnet.ext.compiled import real_time
+from hapnet.ext.compiled import names, real_time
 from hapnet.ext.compiled.real_time import CompiledTicks
 from hapnet.ext.compiled.servo_end import CompiledServo
 from hapnet.ext.tools.device import SimulatedHandle
@@ -106,7 +106,7 @@ def test_cost_rows(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
 def test_a_side_whose_ticks_are_timed_is_paired_and_compiled() -> None:
-    real_time.make_ready(real_time.named(real_time.SERVO, 12))
+    real_time.make_ready(names.named(names.SERVO, 12))
     paired = PairedDevice({"scene": "tool:stick"}, compiled_ends())
     for _ in range(200):
         paired.prepare()
