@@ -1,7 +1,7 @@
 """An extension of griffe: docstrings as Markdown.
 
-A docstring's section is a title that is underlined; in it "name : words" describes a name. So a section becomes a
-list. Doctests and indented equations become blocks, as they stand.
+A section of a docstring is an underlined title and lines "name : words", each describing a name. A section becomes a
+list. Doctests and indented equations become blocks without changes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _ENTRY = re.compile(r"^(\*{0,2}[\w.]+(?:, \*{0,2}[\w.]+)*) : ")
 
 
 class Markdown(Extension):
-    """Rewrites each docstring once it is read."""
+    """Rewrites each docstring after griffe has read it."""
 
     def on_object(self, *, obj: Object, **_: Any) -> None:
         """Called for every object that griffe finds."""
@@ -25,7 +25,7 @@ class Markdown(Extension):
 
 
 def markdown(text: str) -> str:
-    """`text` with lists for its sections, and blocks for what is indented or a doctest."""
+    """`text` with lists for its sections, and blocks for doctests and indented parts."""
     first, *sections = _TITLE.split(text)
     parts = [_blocks(first)]
     for title, body in zip(sections[::2], sections[1::2], strict=True):
@@ -34,21 +34,21 @@ def markdown(text: str) -> str:
 
 
 def _blocks(text: str) -> str:
-    made: list[str] = []
+    blocks: list[str] = []
     for part in re.split(r"\n{2,}", text.strip("\n")):
         if part.startswith(">>>"):
-            made.append(f"```pycon\n{part}\n```")
+            blocks.append(f"```pycon\n{part}\n```")
         elif part.strip() and all(line.startswith("    ") for line in part.splitlines()):
-            made.append("```text\n" + "\n".join(line[4:] for line in part.splitlines()) + "\n```")
+            blocks.append("```text\n" + "\n".join(line[4:] for line in part.splitlines()) + "\n```")
         elif _ENTRY.match(part):
-            made.append(_entries(part))
+            blocks.append(_entries(part))
         else:
-            made.append(part.replace("``", "`"))
-    return "\n\n".join(made)
+            blocks.append(part.replace("``", "`"))
+    return "\n\n".join(blocks)
 
 
 def _entries(body: str) -> str:
-    """One item a name; several on one line ("a : this. b : that.") are several."""
+    """A list with one item for each name, also for several names on one line ("a : this. b : that.")."""
     joined: list[str] = []
     for line in body.strip().splitlines():
         if joined and not _ENTRY.match(line):

@@ -1,6 +1,6 @@
-"""A hook of mkdocs: the pages of the site are those that lie beside the code, with the files that they show or link.
+"""A hook of mkdocs that collects the site: all pages of the repository, and the files that they show or link.
 
-A page keeps its path in the repository, so links between pages hold as they stand. Its address is shorter where the
+A page keeps its path in the repository, so links between pages work without changes. Its address is shorter where the
 path begins with `.site/pages/` or `.github/`.
 """
 
@@ -22,13 +22,13 @@ _FOR_TESTS = re.compile(r"(?m)^<!-- .+ -->\n(?=```)")
 
 
 def pages() -> list[Path]:
-    """All pages, from the repository's root."""
+    """The paths of all pages, relative to the repository's root."""
     found = [file for folder in FOLDERS for file in (ROOT / folder).rglob("*.md")]
     return [Path("README.md"), Path("CHANGELOG.md"), *sorted(file.relative_to(ROOT) for file in found)]
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """In place of the folder's own pages: every page, by its path, and what pages link to."""
+    """Replace the pages of `docs_dir` by every page of the repository and the files that pages link to."""
     for own in files.documentation_pages():
         files.remove(own)
     linked: set[Path] = set()
@@ -44,12 +44,12 @@ def on_files(files: Files, config: Any) -> Files:
 
 def _file(path: Path, config: Any) -> File:
     made = File.generated(config, str(path), abs_src_path=str(ROOT / path))
-    made.inclusion = InclusionLevel.INCLUDED  # also below a folder whose name begins with a dot
+    made.inclusion = InclusionLevel.INCLUDED  # also in folders with a name that begins with a dot
     for hidden in (".site/pages/", ".github/"):
         made.dest_uri = made.dest_uri.removeprefix(hidden)
     return made
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Without the comments above blocks, which are for the tests."""
+    """Remove the comments above code blocks, which are for the tests."""
     return _FOR_TESTS.sub("", markdown)

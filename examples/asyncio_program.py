@@ -1,4 +1,4 @@
-"""hapnet inside an asyncio program that does other things too: beside the world, a task watches it and spoils its link.
+"""hapnet inside an asyncio program: while the world runs, another task monitors it and degrades its link.
 
 python examples/asyncio_program.py
 """
@@ -14,13 +14,13 @@ SETTINGS = {"scene": "wall", "operator": "press", "link.up": "wifi", "link.down"
 
 
 async def report_all(world: ConnectedWorld) -> None:
-    """What happens at the world, as it happens."""
+    """Print the world's events as they happen."""
     async for event in world.events():
         print(f"world: {event.text}")
 
 
 async def report(world: ConnectedWorld, times: int) -> None:
-    """The program's own task; like any, it must not keep the loop busy."""
+    """Print a summary twice a second. Like every task, this one must not block the event loop."""
     for _ in range(times):
         await asyncio.sleep(0.5)
         now, sample = world.summary(), world.sample
@@ -37,12 +37,12 @@ async def main() -> None:
         endpoint = f"unixsock-stream/{directory}/world"  # between hosts: tcp/0.0.0.0:17447, and the device dials it
         async with connect_world(SETTINGS, listen=endpoint) as world:
             reporting = asyncio.create_task(report_all(world))
-            async with connect_device(SETTINGS, connect=endpoint) as device:  # here too, so that this can be tried
+            async with connect_device(SETTINGS, connect=endpoint) as device:  # in the same program, as a demonstration
                 await world.wait_paired()
                 await report(world, 3)
                 world.change_link("delay 50ms loss 5%")
                 await report(world, 3)
-        await reporting  # the last event was the end
+        await reporting  # ends with the world's last event
     for role, own in (("world", world.summary()["world"]), ("device", device.summary()["device"])):
         assert own is not None
         print(f"{role}: energy sent {own['sent_nJ']} nJ, credited {own['credited_nJ']} nJ")

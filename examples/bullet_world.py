@@ -1,9 +1,9 @@
-"""PyBullet as the world: a table, a block, and boxes that the hand's ball pushes. Another engine, in 100 lines.
+"""PyBullet as the world: a table, a block, and boxes that the hand pushes with a ball. Another engine in 100 lines.
 
 pip install pybullet
 hapnet play --scene examples.bullet_world:Boxes                        # the mouse is the hand
 hapnet run --scene examples.bullet_world:Boxes --operator hand-6       # a simulated hand
-python examples/bullet_world.py                                        # who gave energy, and what was undone
+python examples/bullet_world.py                                        # where energy came from, and the undone substeps
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ Vector = tuple[float, ...]
 
 STIFFNESS, DAMPING, FRICTION, GRAVITY = 3000.0, 10.0, 0.3, 9.81
 RADIUS = 0.01
-"""Of the ball [m]. It begins at the origin, 2 cm above the table, and has no weight."""
+"""Radius of the ball [m]. The ball begins at the origin, 2 cm above the table, and has no weight."""
 FIXED = {(0.2, 0.2, 0.02): (0.0, 0.0, -0.03), (0.02, 0.2, 0.06): (0.04, 0.0, 0.01)}
-"""The sizes of table and block, and where their centres are [m]."""
+"""Sizes and centres of table and block [m]."""
 CUBE = (0.03, 0.03, 0.03)
 
 
 class Boxes:
-    """A `hapnet.Engine`. All that moves is as hard to turn about each axis."""
+    """A `hapnet.Engine`. Each moving body has the same moment of inertia about all axes."""
 
     substep_s = 0.001
 
@@ -48,7 +48,7 @@ class Boxes:
         return self._body(self._engine.createMultiBody(mass, shape, basePosition=at))
 
     def _body(self, body: int) -> int:
-        """Two springs in series meet in a contact, and it never sleeps."""
+        """Set the contact parameters of a body. The springs of two bodies in contact act in series; no body sleeps."""
         soft = {"contactStiffness": 2.0 * STIFFNESS, "contactDamping": 2.0 * DAMPING, "activationState": 2}
         self._engine.changeDynamics(body, -1, lateralFriction=FRICTION**0.5, linearDamping=0, angularDamping=0, **soft)
         return body
@@ -74,7 +74,7 @@ class Boxes:
     def restore(self, state: int) -> None:
         self._engine.restoreState(state)
 
-    # Without what follows it runs too, but energy that it makes is not damped, and the hand feels less.
+    # The methods below are optional: without them energy made by the engine is not damped, and the hand feels less.
 
     def energy_J(self) -> tuple[float, float]:
         kinetic = potential = 0.0
@@ -104,7 +104,7 @@ class Boxes:
         return total
 
     def planes(self, position: Vector, reach_m: float) -> list[Plane] | None:
-        """Of table and block. None while the ball touches a box: that yields, as no plane does."""
+        """The planes of table and block; None while the ball touches a box, because boxes yield and planes do not."""
         if any(self._engine.getContactPoints(self._ball, box) for box in self._boxes):
             return None
         found = [near for body in self._fixed for near in self._engine.getClosestPoints(self._ball, body, reach_m)]
@@ -130,7 +130,7 @@ def main() -> None:
     result = simulate(params, seed=1)
     own = result.summary["environment"]
     print(f"slack {1e3 * (own['env_slack_J'] or 0.0):.3f} mJ, {own['env_undone']} substeps undone")
-    print(f"what PyBullet would have given besides: {1e3 * (own['env_given_J'] or 0.0):.3f} mJ")
+    print(f"energy that PyBullet would have added: {1e3 * (own['env_given_J'] or 0.0):.3f} mJ")
     print(result.summary["verdict"]["reason"])
 
 

@@ -1,7 +1,7 @@
 """Two solids as functions of the position: a gyroid in a ball, and a head.
 
-``hapnet simulate --scene 'sdf:examples.fields:gyroid?friction=0.2'``, or hapnet run, or hapnet play. A function gives a
-number that is below 0 inside; it need not be a distance.
+Use ``hapnet simulate --scene 'sdf:examples.fields:gyroid?friction=0.2'``, or hapnet run, or hapnet play. A function
+returns a number below 0 inside the solid; the number need not be a distance.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from hapnet import Params, simulate
 Vector = tuple[float, ...]
 
 CELL_M, HALF_M = 0.03, 0.002
-"""Of the gyroid: the length of a cell, and half the thickness of its sheet."""
+"""Length of a cell of the gyroid, and half the thickness of its sheet."""
 
 
 def gyroid(position: Vector) -> float:
@@ -25,7 +25,7 @@ def gyroid(position: Vector) -> float:
 
 
 def head(position: Vector) -> float:
-    """A head of 100 mm that looks at the hand: skull, jaw, nose and two ears that run into one another, 20 mm in front.
+    """A head of 100 mm that faces the hand, 20 mm in front of it: skull, jaw, nose and two ears, blended together.
 
     With ``layers=6mm,3000`` bone lies under the skin.
     """
@@ -43,16 +43,16 @@ def head(position: Vector) -> float:
 
 
 def _ellipsoid(place: Vector, radii: Vector) -> float:
-    """About the distance from an ellipsoid."""
+    """The approximate distance from an ellipsoid."""
     inner = hypot(*(x / r for x, r in zip(place, radii, strict=True)))
     steep = hypot(*(x / (r * r) for x, r in zip(place, radii, strict=True)))
     return inner * (inner - 1.0) / steep if steep else -min(radii)
 
 
-def _joined(one: float, other: float, width: float) -> float:
-    """The smaller of two distances, rounded off where they are alike within `width` [m]."""
-    mixed = max(0.0, width - abs(one - other)) / width
-    return min(one, other) - 0.25 * mixed * mixed * width
+def _joined(first: float, second: float, width: float) -> float:
+    """The smaller of two distances, smoothed where they differ by less than `width` [m]."""
+    mixed = max(0.0, width - abs(first - second)) / width
+    return min(first, second) - 0.25 * mixed * mixed * width
 
 
 def main() -> None:

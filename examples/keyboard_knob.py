@@ -1,6 +1,6 @@
-"""A knob that the keyboard turns: a device's class may read the terminal of `hapnet run` and `hapnet device`.
+"""A knob turned with the keyboard: a device's class may read the terminal of `hapnet run` and `hapnet device`.
 
-Keys: d and a turn the hand by 2 mm at the rim, space brings it back. A wall at 20 mm holds the knob, the hand goes on.
+Keys: d and a turn the hand by 2 mm at the rim, space returns it. A wall at 20 mm stops the knob, but not the hand.
 
 python examples/keyboard_knob.py                            # flags of `hapnet run` may follow: --link 4g
 hapnet run --device examples.keyboard_knob:Knob --dof 1     # the same
@@ -22,7 +22,7 @@ TURNS = {"d": 0.002, "a": -0.002}  # at the rim [m]
 
 
 class Knob(Driver):
-    """A knob in a hand: a mass at the rim, which a spring and a damper pull to where the keys have turned the hand."""
+    """A knob in a hand: a mass at the rim, pulled by a spring and a damper to the hand's position set by the keys."""
 
     force_limit = 3.0  # of the motor, at the rim [N]
     resolution = 0.0  # of the encoder [m]; 0: exact
@@ -34,12 +34,12 @@ class Knob(Driver):
         self._x = self._v = self._force = self._hand = 0.0
         self._read_s = time.monotonic()
         self._before = None
-        if sys.stdin.isatty():  # a key counts at once, without Enter
+        if sys.stdin.isatty():  # read each key at once, without Enter
             self._before = termios.tcgetattr(sys.stdin)
             tty.setcbreak(sys.stdin)
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position [m] and velocity [m/s] at the rim; called once a servo period, so it must not wait for a key."""
+        """Position [m] and velocity [m/s] at the rim; called once per servo period, so it must not wait for a key."""
         for key in self._keys():
             self._hand = 0.0 if key == " " else self._hand + TURNS.get(key, 0.0)
         now = time.monotonic()
@@ -54,14 +54,14 @@ class Knob(Driver):
         (self._force,) = force
 
     def close(self) -> None:
-        """Leave the terminal as it was."""
+        """Restore the settings of the terminal."""
         if self._before is not None:
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
     def _keys(self) -> str:
         """The keys pressed since the last call."""
-        there = select.select([sys.stdin], [], [], 0.0)[0]
-        return os.read(sys.stdin.fileno(), 64).decode(errors="ignore") if there else ""
+        ready = select.select([sys.stdin], [], [], 0.0)[0]
+        return os.read(sys.stdin.fileno(), 64).decode(errors="ignore") if ready else ""
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How much delay does a coupling bear? A relaxed hand moves into a wall and out over links of growing delay.
+"""Measure how much delay a coupling tolerates: a relaxed hand moves into a wall and out over links of growing delay.
 
 python examples/link_study.py                               # a table, and runs/link_study.png
 """
@@ -27,7 +27,7 @@ RUN = {
 
 
 def study(coupling: str) -> tuple[list[float], list[float]]:
-    """At each delay, of all seeds: the most energy that came out, and the position error at the end (rms) [mJ, mm]."""
+    """For each delay, over all seeds: maximum energy that came out [mJ], position error at the end (rms) [mm]."""
     links = [f"delay {delay}ms {delay / 10}ms loss 1%" for delay in DELAYS_MS]
     cases = [Params().set({**RUN, "coupling": coupling, "link.up": link, "link.down": link}) for link in links]
     runs = simulate_batch(cases, seeds=range(3))  # seeds vary fastest
@@ -39,14 +39,14 @@ def study(coupling: str) -> tuple[list[float], list[float]]:
 def main() -> None:
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     top, bottom = figure.subplots(2, sharex=True)
-    print(f"{'delay [ms]':>10}  {'coupling':<23}{'came out, most [mJ]':>21}{'error at the end [mm]':>26}")
+    print(f"{'delay [ms]':>10}  {'coupling':<23}{'max. energy out [mJ]':>21}{'error at the end [mm]':>26}")
     for coupling, words in COUPLING_NAMES.items():
         out, errors = study(coupling)
         for row in zip(DELAYS_MS, out, errors, strict=True):
             print(f"{row[0]:>10}  {words:<23}{row[1]:>21.1f}{row[2]:>26.2f}")
         top.plot(DELAYS_MS, out, "o-", label=words)
         bottom.plot(DELAYS_MS, errors, "o-", label=words)
-    top.axhline(150.0, color="0.3", linewidth=0.8)  # what both reservoirs start with
+    top.axhline(150.0, color="0.3", linewidth=0.8)  # initial energy of both reservoirs
     top.set(ylabel="energy that came out, most [mJ]", title="above d² = 150 mJ: not passive")
     bottom.set(xlabel="delay, one way [ms]", ylabel="position error at the end,\nrms of all seeds [mm]")
     bottom.legend()

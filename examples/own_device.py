@@ -1,9 +1,9 @@
-"""A device of your own: anything with `dof`, its limits, `read` and `apply`.
+"""A device of your own: a class with `dof`, its limits, `read` and `apply`.
 
-Here a carriage on a tilted rail: it slides into a virtual wall, and comes to rest where the wall carries its weight.
+This carriage on a tilted rail slides into a virtual wall and comes to rest where the wall carries its weight.
 
 python examples/own_device.py                               # flags of `hapnet run` may follow: --link 4g
-hapnet run --device examples.own_device:Rail                # the same; or `hapnet device`, with the world elsewhere
+hapnet run --device examples.own_device:Rail                # the same; `hapnet device`: with the world on another host
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Vector = tuple[float, ...]
 
 
 class Rail:
-    """A carriage that integrates itself in its own time; your driver's calls go into `read` and `apply`."""
+    """A carriage simulated in real time. For real hardware put your driver's calls into `read` and `apply`."""
 
     force_limit = 3.0  # of the actuators [N]; None: no limit
     resolution = 2e-5  # of the encoders [m]; 0.0: exact
@@ -26,14 +26,14 @@ class Rail:
         self.dof = dof
         self._x = self._v = self._force = (0.0,) * dof
         self._read_s = time.monotonic()
-        self._caught = True  # until control begins
+        self._caught = True  # held by a catch until control begins
 
     def begin(self) -> None:
-        """The sides have met: the catch opens."""
+        """Open the catch; called when the sides have connected."""
         self._caught = False
 
     def read(self) -> tuple[Vector, Vector]:
-        """Position [m] and velocity [m/s] now; called once a servo period."""
+        """Position [m] and velocity [m/s] now; called once per servo period."""
         now = time.monotonic()
         dt, self._read_s = min(now - self._read_s, 0.01), now
         if self._caught:
@@ -51,6 +51,6 @@ class Rail:
 if __name__ == "__main__":
     from hapnet.cli import main
 
-    # else the weight would fall while hapnet pushes it to see that it follows, and while the force grows
+    # otherwise the carriage would fall during hapnet's test pushes and while the force ramps up
     at_once = ("--set", "device.self_test_N=0", "--set", "device.force_ramp_s=0")
     raise SystemExit(main(["run", "--device", "examples.own_device:Rail", "--duration", "3", *at_once, *sys.argv[1:]]))

@@ -1,4 +1,4 @@
-"""A coupling of your own: a spring to where the other side was last, softer the longer the link delays, and a damper.
+"""A coupling of your own: a damper, and a spring to the last received position that is softer over longer delays.
 
 hapnet run --coupling examples.own_law:Mine --set mine.stiffness=50
 """
@@ -15,7 +15,7 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True)
 class MineParams:
-    """In `Params` they are a section with the law's name: mine.stiffness, mine.damping."""
+    """The law's parameters, in a section of `Params` with the law's name: mine.stiffness, mine.damping."""
 
     stiffness: float = parameter(100.0, "of the spring, if the link has no delay [N/m]")
     damping: float = parameter(1.5, "of either end [Ns/m]")
@@ -33,7 +33,7 @@ def tune(params: Params, link: Any) -> Tuning:  # the link's delays, emulated an
 
 
 class SpringAndDamper:
-    """Either end: `force` and `release` are asked of the device's, `begin`, `impedance` and `moved` of the world's."""
+    """Either end: the device calls `force` and `release`, the world calls `begin`, `impedance` and `moved`."""
 
     def __init__(self, start: CouplingStart[Tuning]) -> None:
         self.K, self.B = start.tuning.stiffness_N_m, start.tuning.damping_Ns_m
@@ -58,11 +58,11 @@ class SpringAndDamper:
         self.x = x
 
     def next_sample(self, x: Vector = (), v: Vector = ()) -> Any:
-        return x or self.x  # the device's is given x and v
+        return x or self.x  # the device passes x and v
 
 
 ENDS = held_law(SpringAndDamper), stepped_law(SpringAndDamper)
-ABOUT = "mine", "spring and damper", "this file", "passive nowhere, it says"
+ABOUT = "mine", "spring and damper", "this file", "passive nowhere"
 Mine = CouplingSpec(*ABOUT, *ENDS, Tuning, tune, parameters=MineParams, shared=("stiffness_N_m",),
                     springs=lambda params, tuning: (tuning.stiffness_N_m,))  # fmt: skip
 

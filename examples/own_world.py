@@ -1,4 +1,4 @@
-"""A world of your own: a corridor with a soft wall and a hard one, slow to compute. A hand sways from one to the other.
+"""A world of your own: a slow corridor with a soft wall and a hard wall. A hand moves back and forth between them.
 
 python examples/own_world.py
 hapnet run --scene examples.own_world:corridor --operator sine          # the same world in real time
@@ -12,7 +12,7 @@ from hapnet import Params, Scene, Wall, simulate
 def corridor(*, dof: int = 1, half_width: float = 0.02, stiffness: float = 1000.0) -> Scene:
     """Free within `half_width` [m] of the origin along the first axis; the left wall is ten times softer.
 
-    A scene's parameters are those that it wants; `--dof` and `world.wall.stiffness` set the ones of that name.
+    A scene may have any parameters; `--dof` and `world.wall.stiffness` set `dof` and `stiffness`.
     """
     right = (1.0,) + (0.0,) * (dof - 1)  # a wall's normal points into it
     left = (-1.0,) + (0.0,) * (dof - 1)

@@ -1,8 +1,8 @@
-"""A ball that circles around the hand: dodge it, lean on it, be pushed by it. A world of your own that moves.
+"""A ball that circles around the hand: dodge it, lean on it, or let it push you. A moving world of your own.
 
 hapnet play --scene examples.planet:planet                             # the mouse is the hand
 hapnet run --scene examples.planet:planet --operator hand-6            # a simulated hand
-python examples/planet.py                                              # who gave the energy
+python examples/planet.py                                              # where the energy came from
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ RADIUS = 0.012
 
 
 def ball(position: Vector, velocity: Vector, time: float) -> Vector:
-    """A springy ball, as seen from its centre."""
+    """The force of a springy ball, in the frame of its centre."""
     away = hypot(*position)
     push = max(0.0, 1000.0 * (RADIUS - away)) / (away or 1.0)
     return tuple(push * x for x in position)
@@ -39,9 +39,7 @@ def main() -> None:
     assert world is not None
     own = result.summary["environment"]
     felt = max(hypot(*force) for force in world["contact_force_N"])
-    print(
-        f"the ball pushed with {felt:.2f} N at most; what moves it gave {1e3 * (own['env_supplied_J'] or 0.0):.2f} mJ"
-    )
+    print(f"the ball pushed with {felt:.2f} N at most; its drive gave {1e3 * (own['env_supplied_J'] or 0.0):.2f} mJ")
     print(result.summary["verdict"]["reason"])
 
 

@@ -1,8 +1,8 @@
-"""An arm that takes positions, 30 to 100 times a second, with a loop of its own: the world. Inverse kinematics by mink.
+"""A position-controlled arm as the world: it takes 30 to 100 positions a second. Inverse kinematics by mink.
 
 pip install 'hapnet-haptics[mujoco]' mink daqp
 hapnet play --scene examples.position_arm:Arm              # the mouse is the hand
-python examples/position_arm.py                            # what damping took, as the arm's own loop is not passive
+python examples/position_arm.py                            # energy taken by damping: the arm's own loop is not passive
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ MODEL = """<mujoco><option gravity="0 0 0" timestep="0.001"/><default>
 
 
 class Arm:
-    """Simulated; of a real one, `step` is its driver: go to this place, return the measured force on the tool."""
+    """A simulated arm. For a real arm, `step` commands `position` and returns the measured force on the tool."""
 
-    dof, robot = 3, True  # it stops when its leader lets go, and is led from there afterwards
+    dof, robot = 3, True  # `robot`: it stops when its leader lets go, and continues from there
     min_s, max_s = 0.01, 0.033  # from one set-point to the next
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Arm:
 
     def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
         self._task.set_target(self._mink.SE3.from_translation(array(position)))
-        for _ in range(4):  # it is not linear
+        for _ in range(4):  # iterate, because the kinematics are not linear
             self._arm.integrate_inplace(self._mink.solve_ik(self._arm, [self._task], 1.0, "daqp", 1e-9), 1.0)
         self._data.ctrl[:] = self._arm.q
         for _ in range(round(dt / self._model.opt.timestep)):

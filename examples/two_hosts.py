@@ -1,10 +1,10 @@
-"""A world on one host and a device on another. The world listens, the device dials it; start them in either order.
+"""A world on one host and a device on another. The world listens, the device connects; start them in either order.
 
 python examples/two_hosts.py world                          # on 192.168.0.2; Ctrl-C ends a side
 python examples/two_hosts.py device 192.168.0.2             # on the other one
 python examples/two_hosts.py                                # both on this machine, through an emulated link
 
-Whoever reaches the port may connect; "Who may connect" in hapnet/transport/README.md says how to change that.
+Anyone who reaches the port may connect; "Who may connect" in hapnet/transport/README.md explains how to restrict this.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapnet import Params, RealtimeSide, ZenohSettings, prepare
 
 
 async def run(role: Literal["world", "device"], endpoint: str, link: str) -> None:
-    """One side, until its time is over or it is told to stop; then its result."""
+    """Run one side until its time is over or a signal stops it, then print its result."""
     params = Params().set({"scene": "wall", "operator": "sine", "link.up": link, "link.down": link})
     stop, at = asyncio.Event(), (endpoint,)
     zenoh = ZenohSettings(listen=at) if role == "world" else ZenohSettings(connect=at)
@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("role", nargs="?", choices=("world", "device"))
     parser.add_argument("host", nargs="?", default="0.0.0.0", help="the world's address")
     parser.add_argument("--port", type=int, default=17447)
-    parser.add_argument("--link", default="ideal", help="emulated beside the real one: tc-netem's syntax or a profile")
+    parser.add_argument("--link", default="ideal", help="emulated besides the real link: tc-netem syntax or a profile")
     if (given := parser.parse_args()).role is not None:
         return asyncio.run(run(given.role, f"tcp/{given.host}:{given.port}", given.link))
     words = "127.0.0.1", "--port", str(given.port), "--link", "delay 20ms 5ms loss 1%"

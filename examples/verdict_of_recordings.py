@@ -1,4 +1,4 @@
-"""Was a run with pspm (or zoh) passive? Account and verdict again, from what was recorded: as far as the samples show.
+"""Recompute energy account and verdict of a run with pspm (or zoh) from its recordings, as far as the samples show.
 
 python examples/verdict_of_recordings.py device.mcap world.mcap    (of a simulation: run.mcap)
 """
@@ -12,7 +12,7 @@ from hapnet import HapnetError, read_recording
 
 
 def both_ports(device: Any, world: Any) -> float:
-    """The minimum energy put in at both ports on one clock [J], with and without the world's step that is running."""
+    """The minimum energy put in at both ports on one clock [J], with and without the world's current step."""
     times = np.union1d(device["time_ns"], world["time_ns"])
     of_device = np.append(0.0, device["work_J"])[np.searchsorted(device["time_ns"], times, side="right")]
     begun = np.searchsorted(world["time_ns"], times, side="right")
@@ -22,7 +22,7 @@ def both_ports(device: Any, world: Any) -> float:
 
 def judge(files: list[str], rounding_J: float = 1e-9) -> str:
     recordings = [read_recording(file) for file in files]
-    sides = {name: getattr(one, name) for one in recordings for name in ("device", "world") if getattr(one, name)}
+    sides = {name: getattr(each, name) for each in recordings for name in ("device", "world") if getattr(each, name)}
     if len(sides) < 2:
         return "not known: recordings of both sides are needed"
     one_clock = len({one.meta.get("clock", file) for one, file in zip(recordings, files, strict=True)}) == 1
@@ -48,13 +48,13 @@ def judge(files: list[str], rounding_J: float = 1e-9) -> str:
     lowest = halves if len(files) == 2 else bound + both_ports(**sides)
     print(f"both: margin {1e3 * lowest:.6f} mJ at least, of d2 = {1e3 * bound:.6f} mJ")
     against += ["more came out than d2"] if lowest < -rounding_J else []
-    said = "not passive: " if against else "not known: " if doubts else "passive"
-    return said + "; ".join(against or doubts)
+    verdict = "not passive: " if against else "not known: " if doubts else "passive"
+    return verdict + "; ".join(against or doubts)
 
 
 if __name__ == "__main__":
     try:
         print(judge(sys.argv[1:]))
-    except HapnetError as error:  # no such file, or no recording
+    except HapnetError as error:  # the file is missing or is no recording
         print(f"verdict_of_recordings: {error}", file=sys.stderr)
         sys.exit(2)

@@ -1,8 +1,8 @@
-"""Makes the pictures of README and of the pages, into examples/.
+"""Makes the pictures of README and the pages and writes them into examples/.
 
 python -m examples.pictures                                 # all of them, in some minutes
 python -m examples.pictures run.png mesh.png                # these
-python -m examples.pictures --list                          # what there is, and from which command
+python -m examples.pictures --list                          # the pictures, with their commands
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LINKS = "--link lan --link 4g --link intercontinental"
 
 @dataclass(frozen=True)
 class Recipe:
-    """Commands of hapnet or programs of this folder, which write into DIR, and which of its files is which picture.
+    """Commands of hapnet or programs of this folder that write into DIR, and the file in DIR for each picture.
 
     {data} in a command is the directory with the recorded inputs, which are not part of this repository.
     """
@@ -81,7 +81,7 @@ FILM = "play.gif"
 
 
 def make(recipe: Recipe, data: Path) -> None:
-    """Run the commands in a directory of their own, and keep the pictures."""
+    """Run the commands in a temporary directory and copy the pictures."""
     with tempfile.TemporaryDirectory() as there:
         here = Path(there)
         (here / "examples").symlink_to(ROOT / "examples")
@@ -98,7 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m examples.pictures")
     parser.add_argument("picture", nargs="*", help=f"of {', '.join(known)}; all without any")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="the recorded inputs")
-    parser.add_argument("--list", action="store_true", help="say what is made from which command, and end")
+    parser.add_argument("--list", action="store_true", help="print the command of each picture and exit")
     given = parser.parse_args()
     if wrong := set(given.picture) - set(known):
         parser.error(f"no such picture: {', '.join(sorted(wrong))}; there are {', '.join(known)}")
@@ -114,7 +114,7 @@ def main() -> None:
         if given.list:
             print(f"{FILM}: the page of `hapnet play`, in a browser")
         else:
-            from examples.pictures.film import film  # here, since it needs a browser
+            from examples.pictures.film import film  # imported here because it needs a browser
 
             film(ROOT / "examples" / FILM)
             print(f"examples/{FILM}")

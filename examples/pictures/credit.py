@@ -1,4 +1,4 @@
-"""Draws which part earns what: the stages before PSPM render, PSPM keeps the bound where they are not enough.
+"""Draws the effect of each part: the stages before PSPM render, PSPM keeps the bound where they are not enough.
 
 python -m examples.pictures.credit --out DIR
 """
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 OUT_COLOR = "#cb181d"
 BY_PROPORTION_MJ = 100.0
-"""Energies above this are drawn by their logarithm, so that the bound is seen in each panel."""
+"""Energies above this are drawn on a logarithmic scale, so that the bound is visible in each panel."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A case, through the plain spring and through PSPM; its force is shown over the last `shown_s`."""
+    """A case, run with the plain spring and with PSPM; its force is shown over the last `shown_s`."""
 
     about: str
     changes: Mapping[str, object]
@@ -65,9 +65,9 @@ LOWER = (
 
 
 def energies_out(result: Result) -> tuple[Array, Array, Array]:
-    """Times (N,) [s], and the energy that has come out at the hand's port and at the world's by then (N,) [mJ].
+    """Times (N,) [s], and the energy that has come out at the hand's and the world's port until then (N,) [mJ].
 
-    A port's work is what is left of its side's account without what was shuffled.
+    A port's work is its side's account without the shuffled energy.
     """
     recording, summary = result.recording, result.summary
     assert recording.device is not None

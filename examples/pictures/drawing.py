@@ -1,4 +1,4 @@
-"""What the pictures have in common that are drawn here, not by a command of hapnet."""
+"""Helpers for the pictures that are drawn by programs of this folder, not by a command of hapnet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLOURS, REST_MS = 48, 2000
 
 
 def canvas(width_mm: float, height_mm: float) -> Figure:
-    """An empty figure in the style of the others."""
+    """An empty figure in the style of hapnet's pictures."""
     from matplotlib.figure import Figure
 
     matplotlib.rcParams.update(STYLE)
@@ -46,7 +46,7 @@ def image(figure: Figure) -> Image.Image:
 
 
 def animated(frames: list[Image.Image], name: str, frame_s: float) -> None:
-    """Write a moving picture into the directory that `--out` names; it rests at its end."""
+    """Write a moving picture into the directory that `--out` names; its last frame stays for `REST_MS`."""
     sample = Image.new("RGB", (frames[0].width, 3 * frames[0].height))
     for row, share in enumerate((0.25, 0.5, 0.95)):
         sample.paste(frames[int(share * len(frames))], (0, row * frames[0].height))
@@ -66,7 +66,7 @@ def out_directory() -> Path:
 
 
 def thinned(values: Array) -> Array:
-    """Indices of about `POINTS` of them: the smallest and the largest of each short stretch."""
+    """Indices of about `POINTS` values: the smallest and the largest of each short stretch."""
     if len(values) <= POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), POINTS // 2)

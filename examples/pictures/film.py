@@ -1,7 +1,7 @@
 """The page of `hapnet play` as a moving picture: a mouse leads the hand into the wall, through two couplings.
 
-The page is the real one, in a browser. The pair behind it runs in virtual time, and waits until each picture is taken:
-so the film is the same on every machine, however slow it draws.
+The page is the real page, in a browser. Device and world run in virtual time, which stands still while a picture is
+taken, so the film is the same on every machine, however slowly the browser draws.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ PAINTED = "() => new Promise(done => requestAnimationFrame(() => requestAnimatio
 
 @dataclass(frozen=True)
 class Act:
-    """A coupling, for so long [s], and the words below the picture."""
+    """A part of the film: a coupling, its duration, and the caption below the picture."""
 
     coupling: str
     rendering: str
@@ -73,7 +73,7 @@ ACTS = (
 
 
 class Mouse:
-    """Where the mouse leads the hand: into the wall, and out again. An operator (``module:Class``)."""
+    """An operator (``module:Class``): the mouse leads the hand into the wall and out again."""
 
     def __init__(self, dof: int, impedance: Impedance) -> None:
         self.dof, self.impedance = dof, impedance
@@ -84,7 +84,7 @@ class Mouse:
 
 
 class Untouched:
-    """The page's controls, which nobody presses in the film."""
+    """The page's controls; they are not used in the film."""
 
     def __getattr__(self, name: str) -> Any:
         return lambda *_: None
@@ -92,7 +92,7 @@ class Untouched:
 
 def film(file: Path) -> None:
     """Write the film as a GIF."""
-    live_page.SILENT_S = math.inf  # the pair stands still while a picture is taken, which is no silence
+    live_page.SILENT_S = math.inf  # the pair stands still while a picture is taken; this must not count as silence
     history, pictures = History(), list[Image.Image]()
     with serve(history, Untouched(), port=0, frame_s=0.02) as server, sync_playwright() as driver:
         browser = driver.chromium.launch(
@@ -108,7 +108,7 @@ def film(file: Path) -> None:
                     page.goto(server.url)
                     expect(page.locator(".hapnet-state")).to_have_text("running", timeout=LIMIT_MS)
                     page.wait_for_timeout(3000)
-                    page.locator(".mantine-Notification-closeButton").click()  # the browser's remark on its graphics
+                    page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
                     page.wait_for_timeout(1000)
                 _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
                 page.wait_for_timeout(400)
@@ -119,7 +119,7 @@ def film(file: Path) -> None:
 
 
 def _played(history: History, act: Act, number: int) -> Iterator[float]:
-    """Give the pair's samples to the page, a frame after the other; yields the time of each [s]."""
+    """Send the pair's samples to the page, frame by frame; yields the time of each frame [s]."""
     changes = {
         "coupling": act.coupling,
         "rendering": act.rendering,
@@ -156,7 +156,7 @@ def _eased(share: float) -> float:
 
 
 def _point(page: Page, x_m: float) -> None:
-    """Point at a place of the first axis: 24 units of 10 mm away, seen at 30 degrees."""
+    """Move the pointer to a place on the first axis, 24 units of 10 mm away, with a field of view of 30 degrees."""
     left, top, width, height = page.evaluate(
         "() => { const b = document.querySelector('canvas').getBoundingClientRect();"
         " return [b.x, b.y, b.width, b.height]; }"
@@ -166,7 +166,7 @@ def _point(page: Page, x_m: float) -> None:
 
 
 def _framed(data: bytes, words: str) -> Image.Image:
-    """The picture, with the words below it."""
+    """The picture with its caption below."""
     seen = Image.open(io.BytesIO(data)).convert("RGB")
     whole = Image.new("RGB", (seen.width, seen.height + CAPTION), "#111827")
     whole.paste(seen, (0, 0))
@@ -177,7 +177,7 @@ def _framed(data: bytes, words: str) -> Image.Image:
 
 
 def _save(file: Path, pictures: list[Image.Image]) -> None:
-    """As a GIF with one palette, the last picture of all for longer."""
+    """Write a GIF with one palette; the last picture stays longer."""
     few = [pictures[round(share * (len(pictures) - 1))] for share in (0.0, 0.25, 0.4, 0.75, 1.0)]
     width, height = pictures[0].size
     sample = Image.new("RGB", (width, height * len(few)))

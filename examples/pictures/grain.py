@@ -1,4 +1,4 @@
-"""Draws the force of a hand that slides over a grain, over 4g: by the device, and by the world alone.
+"""Draws the force on a hand that slides over a grain, over 4g: rendered by the device, and by the world alone.
 
 python -m examples.pictures.grain --out DIR
 """
@@ -23,7 +23,7 @@ from hapnet.plant.operator import Impedance
 SPEED_MPS, DEEP_M, FACE_M = 0.05, 0.01, 0.02
 LENGTH_M = 1.6e-3
 WAVES = {1: 2e-4, 3: 1e-4, 8: 5e-5}
-"""Of the grain: how many a period, and how high [m]."""
+"""Waves of the grain: their number in a period, and their height [m]."""
 K, K_WORLD, K_WALL = 200.0, 500.0, 3000.0
 FELT = 1.0 / (1.0 / K + K_WORLD / (K * K_WALL))
 BEGIN_S, WINDOW_S, SHOWN_S = 1.0, 0.96, 0.2
@@ -47,7 +47,7 @@ class Hand:
 
 
 class AtWorldsRate(RigidContacts):
-    """The world lifts the planes that it sends by the grain where its proxy is."""
+    """A world that lifts its planes by the height of the grain at the proxy."""
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         high = GRAIN.at(position)

@@ -1,4 +1,4 @@
-"""A world that lies: it sends a random plane with every answer.
+"""A world with false planes: it sends a random plane with every answer.
 
 hapnet compare --bench hands --set scene=examples.pictures.lying:liar --link 4g --coupling pspm,zoh
 """
@@ -17,7 +17,7 @@ from hapnet.plant.worlds.walls import WALL_STIFFNESS, Wall
 
 
 def lying_planes(rng: np.random.Generator) -> Callable[[Vector, float], tuple[Plane, ...]]:
-    """A world's `planes` that gives a random one each time."""
+    """A world's method `planes` that returns a random plane each time."""
 
     def planes(position: Vector, reach_m: float) -> tuple[Plane, ...]:
         normal = rng.standard_normal(len(position))
@@ -29,7 +29,7 @@ def lying_planes(rng: np.random.Generator) -> Callable[[Vector, float], tuple[Pl
 
 
 class Liar(MovingWall):
-    """A wall that rests, whose place no plane gives. `rng` draws the planes."""
+    """A resting wall that sends false planes. `rng` draws them."""
 
     def __init__(self, wall: Wall, rng: np.random.Generator) -> None:
         super().__init__(Schedule(wall))
@@ -40,5 +40,5 @@ class Liar(MovingWall):
 
 
 def liar(*, dof: int = 1, position: float = 0.02, seed: int = 0) -> Liar:
-    """The scene `wall`, but for the planes that it sends."""
+    """The scene `wall` with false planes."""
     return Liar(Wall(along(checked_dof(dof), 0, 1.0), position, WALL_STIFFNESS), np.random.default_rng(seed))

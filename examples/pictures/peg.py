@@ -58,7 +58,7 @@ class Insertion:
 
 
 def corners(x: Array) -> Array:
-    """Of the peg at a pose x (12,), in the plane of x and z (4, 2) [mm]."""
+    """Corners of the peg at a pose x (12,), in the plane of x and z (4, 2) [mm]."""
     turn = rotation(x)[::2, ::2]
     flat = np.array([(-RADIUS, -15.0), (RADIUS, -15.0), (RADIUS, 15.0), (-RADIUS, 15.0)]) * (1.0, LENGTH / 30.0)
     return flat @ turn.T + 1e3 * x[:3:2]
@@ -72,7 +72,7 @@ def block(side: float) -> Polygon:
 
 
 def frames() -> list[Image.Image]:
-    """The pictures."""
+    """The frames of the moving picture."""
     changes = {"scene": SCENE, "operator": f"{__name__}:Insertion", "duration_s": WAY[-1][0], "record_hz": 1000.0}
     result = simulate(Params().set({**changes, "link.up": "4g", "link.down": "4g"}), 1)
     recording = result.recording

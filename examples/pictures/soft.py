@@ -47,7 +47,7 @@ LIGHT = np.array((-0.2, -0.6, 0.77))
 
 
 class Press:
-    """The hand (``module:Class``)."""
+    """The hand, an operator (``module:Class``)."""
 
     def __init__(self, dof: int, impedance: Impedance) -> None:
         self.impedance = impedance
@@ -62,7 +62,7 @@ class Press:
 
 
 def faces(vertices: Array, triangles: Indices, colors: Array) -> tuple[Array, Array, Array]:
-    """What is seen of a surface: the corners (F, 3, 2) [mm], colours (F, 3), and how near each triangle is."""
+    """The visible triangles of a surface: corners (F, 3, 2) [mm], colours (F, 3), and nearness to the viewer."""
     corners = vertices[triangles]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-15)
@@ -73,7 +73,7 @@ def faces(vertices: Array, triangles: Indices, colors: Array) -> tuple[Array, Ar
 
 
 def frames() -> list[Image.Image]:
-    """The pictures."""
+    """The frames of the moving picture."""
     changes = {"scene": SCENE, "operator": f"{__name__}:Press", "duration_s": WAY[-1][0], "record_hz": 1000.0}
     result = simulate(Params().set({**changes, "link.up": "4g", "link.down": "4g"}), 1)
     recording = result.recording

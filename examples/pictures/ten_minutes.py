@@ -26,14 +26,14 @@ WITHOUT: Mapping[str, object] = {
     "device.shuffle": "harvested", "world.shuffle": "harvested", "contact_model.yields_below": 0.0,
     "contact_model.stop_s": 0.0, "contact_model.remembers": False,
 }  # fmt: skip
-"""Levels, yielding, stopping at walls and memory taken away; springs and ceilings stay."""
+"""Switches off levels, yielding, stopping at walls and memory; springs and ceilings stay."""
 
 STYLES = {"with": "-", "without": (0, (2, 1.2))}
 
 
 def windows(result: Result) -> list[Array]:
-    """In windows of `WINDOW_S`: their middles [s], the reservoirs' means at device and world [mJ], the world's share of
-    modulated set-positions [%], free motion's error (rms) [mm]."""
+    """For windows of `WINDOW_S`: centre times [s], mean reservoirs of device and world [mJ], the world's share of
+    modulated set-positions [%], and the error in free motion (rms) [mm]."""
     device, world = result.recording.device, result.recording.world
     assert device is not None
     assert world is not None
@@ -57,9 +57,9 @@ def windows(result: Result) -> list[Array]:
 
 
 def column(panels: list[Axes], link: str) -> None:
-    """One link: three panels, and in the titles what the last minute has."""
+    """Draw three panels for a link, with the values of the last minute in the titles."""
     last = round(60.0 / WINDOW_S)
-    reported: dict[str, tuple[float, float]] = {}
+    last_minute: dict[str, tuple[float, float]] = {}
     for name, changes in (("with", {}), ("without", WITHOUT)):
         profile = {"link.up": LINKS[link], "link.down": LINKS[link]}
         result = simulate({**profile, "operator": OPERATOR, "duration_s": SECONDS, **changes}, seed=SEED)
@@ -69,10 +69,10 @@ def column(panels: list[Axes], link: str) -> None:
         panels[0].plot(minutes, world, color=WORLD_COLOR, linestyle=dashes, label=f"{name}: world")
         for panel, values in ((panels[1], modulated), (panels[2], error)):
             panel.plot(minutes, values, color="black", linestyle=dashes, label=name)
-        reported[name] = float(np.mean(modulated[-last:])), float(np.sqrt(np.mean(error[-last:] ** 2)))
+        last_minute[name] = float(np.mean(modulated[-last:])), float(np.sqrt(np.mean(error[-last:] ** 2)))
     panels[0].set_title(f"{link}: reservoirs", fontsize=8.5)
     for panel, index, unit in ((panels[1], 0, "%"), (panels[2], 1, "mm")):
-        kept, lost = (f"{reported[name][index]:.2g} {unit}" for name in STYLES)
+        kept, lost = (f"{last_minute[name][index]:.2g} {unit}" for name in STYLES)
         panel.set_title(f"last minute: with {kept}, without {lost}", fontsize=8.5)
 
 

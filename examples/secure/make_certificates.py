@@ -2,11 +2,11 @@
 
     python examples/secure/make_certificates.py --host 192.168.0.2 --device alice
 
-writes ca.pem, world.pem and alice.pem, each with its key, into certificates/. A device more, of the same authority:
+writes ca.pem, world.pem and alice.pem, each with its key, into certificates/. To add a device of the same authority:
 
     python examples/secure/make_certificates.py --device bob
 
-A device's common name is what Zenoh's access control knows it by. Keep ca.key where it was made: whoever has it can
+Zenoh's access control identifies a device by its common name. Do not copy ca.key to other hosts: anyone who has it can
 make further certificates.
 """
 
@@ -39,7 +39,7 @@ def host_name(host: str) -> x509.GeneralName:
 
 
 def issue(name: str, hosts: list[str], days: float, authority: Authority | None = None) -> Authority:
-    """A certificate and its key; without an authority it is one, and signs itself."""
+    """A certificate and its key; without `authority` a self-signed certificate of an authority."""
     key = generate_private_key(SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     issuer, signer = (subject, key) if authority is None else (authority[0].subject, authority[1])
@@ -72,7 +72,7 @@ def save(directory: Path, name: str, made: Authority) -> None:
 
 
 def load(directory: Path, name: str) -> Authority | None:
-    """The authority that was made there before; None: none was."""
+    """The authority in `directory`; None if there is none."""
     certificate, key = directory / f"{name}.pem", directory / f"{name}.key"
     if not certificate.exists() and not key.exists():
         return None
@@ -92,14 +92,14 @@ def main(
     device: Annotated[list[str], typer.Option(help="Name of a device; repeatable.")],
     host: Annotated[
         list[str] | None,
-        typer.Option(help="Address or name that devices dial; repeatable. Needed when the world's is made."),
+        typer.Option(help="Address or name that devices dial; repeatable. Needed to make the world's certificate."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Directory for what is made.")] = Path("certificates"),
-    days: Annotated[float, typer.Option(help="How long they are valid.")] = 365.0,
+    out: Annotated[Path, typer.Option(help="Directory for certificates and keys.")] = Path("certificates"),
+    days: Annotated[float, typer.Option(help="Validity of the certificates, in days.")] = 365.0,
 ) -> None:
-    """Make an authority, a certificate of the world and one for each device; what is there is not overwritten.
+    """Make an authority, a certificate of the world and one for each device; existing files are not overwritten.
 
-    Where there is an authority already, it signs: only certificates that are missing are made.
+    An existing authority in the directory is used: it signs the new certificates.
     """
     if len({"ca", "world", *device}) < len(device) + 2 or not all(map(NAME.fullmatch, device)):
         raise typer.BadParameter("devices need names of their own (not ca or world) of letters, digits and . _ -")

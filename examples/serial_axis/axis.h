@@ -9,10 +9,10 @@ const uint8_t COUNTED = 64;  // states over which the period is measured; a powe
 struct __attribute__((packed)) State {
   uint8_t mark;          // 'S'
   uint8_t flags;         // bits 0 to 3: buttons; 4: homed; 5: the last count was up; 6: it was down
-  uint16_t command;      // number of the last one that came whole
+  uint16_t command;      // number of the last valid command
   uint32_t time_us;
   int32_t position_nm;
-  uint16_t age_us;       // the handle has been there for so long, or was seen there then; 65535: or longer
+  uint16_t age_us;       // age of the position: since its last count or sample; 65535: or longer
   uint32_t impulse;      // [256 us times a 32767th of the maximum force]
   uint8_t crc[2];
 };
@@ -30,15 +30,15 @@ struct __attribute__((packed)) About {
 };
 
 struct __attribute__((packed)) Command {
-  uint8_t mark;          // 'F': a force; 'Q': the question who this is; 'H': the handle is at its centre
+  uint8_t mark;          // 'F': a force; 'Q': requests the identification; 'H': the handle is at its centre
   uint16_t number;
   int16_t force;         // in 32767ths of the maximum
   uint8_t crc[2];
 };
 
-int16_t force = 0;         // acts now
+int16_t force = 0;         // acting force
 int64_t impulse = 0;       // its integral [us]
-uint32_t counted_us = 0;   // up to when it was counted
+uint32_t counted_us = 0;   // time up to which it was integrated
 uint32_t command_us = 0;   // when the last command came
 uint16_t number = 0;
 uint16_t made_us = 0;
@@ -55,7 +55,7 @@ uint16_t crc16(const void *data, uint8_t count) {  // CRC-16/CCITT-FALSE
 }
 
 void send(void *frame, uint8_t size) {
-  if (Serial.availableForWrite() < size) return;  // nobody reads: never wait, the watchdog must go on
+  if (Serial.availableForWrite() < size) return;  // the host does not read: never wait, the watchdog must keep running
   uint8_t *bytes = (uint8_t *)frame;
   uint16_t crc = crc16(frame, size - 2);
   bytes[size - 2] = crc >> 8;
@@ -70,7 +70,7 @@ void count_impulse() {
   counted_us = now_us;
 }
 
-void act(int16_t wanted) {  // no force where the place is not known, as after a reset
+void act(int16_t wanted) {  // no force while the position is not known, as after a reset
   count_impulse();
   force = set_force(!homed ? 0 : wanted < -32767 ? -32767 : wanted);
 }
@@ -151,7 +151,7 @@ void run_axis() {
   if (force != 0 && clock_us() - command_us >= WATCHDOG_MS * 1000UL) act(0);
   uint32_t now_us = clock_us();
   if ((int32_t)(now_us - due_us) < 0) return;
-  due_us = (now_us - due_us > PERIOD_US / 2 ? now_us : due_us) + PERIOD_US;  // one that is late does not hurry
+  due_us = (now_us - due_us > PERIOD_US / 2 ? now_us : due_us) + PERIOD_US;  // a late state does not shorten the next period
   send_state();
   measure_period();
 }

@@ -2,18 +2,18 @@
 // pin and a direction pin. Each count keeps its time, so that slow motion is not lost.
 
 #ifndef IRAM_ATTR
-#define IRAM_ATTR  // only an ESP32 wants its interrupts in RAM
+#define IRAM_ATTR  // only an ESP32 needs interrupt handlers in RAM
 #endif
 
 const uint16_t PERIOD_US = 1000;         // of the states: 1 kHz
-const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
+const uint16_t WATCHDOG_MS = 20;         // the force ends after this time without a command
 const uint32_t LIMIT_uN = 3000000;       // the maximum force that the motor makes
-const uint32_t CONTINUOUS_uN = 1000000;  // the one that it makes for ever; 0: not known
+const uint32_t CONTINUOUS_uN = 1000000;  // the force that it can hold continuously; 0: not known
 const uint32_t REACH_um = 40000;         // of the handle from its centre, in both directions
-const uint32_t COUNT_nm = 15000;         // the handle moves by so much in one count, four counts a line
-const uint32_t NOISE_nm = COUNT_nm / 4;  // counts are not even: early and late ones are so far apart
-const bool ABSOLUTE = false;             // an encoder that knows its place when it is switched on
-const uint8_t BUTTONS = 1;               // how many, 4 at most
+const uint32_t COUNT_nm = 15000;         // motion of the handle in one count, four counts per line
+const uint32_t NOISE_nm = COUNT_nm / 4;  // counts are uneven: spread between early and late counts
+const bool ABSOLUTE = false;             // true: an encoder with an absolute position at power-on
+const uint8_t BUTTONS = 1;               // number of buttons, 4 at most
 const int8_t DEAD_MAN = 0;               // which of them must be held; -1: none
 
 const int PIN_PWM = 5, PIN_DIRECTION = 8, PIN_A = 2, PIN_B = 3, PIN_BUTTON = 4;
@@ -43,7 +43,7 @@ void prepare() {
   pinMode(PIN_B, INPUT_PULLUP);
   pinMode(PIN_BUTTON, INPUT_PULLUP);
 #if defined(ARDUINO_ARCH_RP2040)
-  analogWriteFreq(20000);  // above what one hears
+  analogWriteFreq(20000);  // above the audible range
 #elif defined(ARDUINO_ARCH_ESP32) || defined(TEENSYDUINO)
   analogWriteFrequency(PIN_PWM, 20000);
 #endif
@@ -54,7 +54,7 @@ void prepare() {
 
 void run() {}  // called as often as it can be
 
-// Where the handle is [nm], since when, and by which count it came there: 1 or -1; 0: the place was sampled then.
+// Position of the handle [nm], its time, and the direction of the last count: 1 or -1; 0: sampled at that time.
 int32_t position_nm(uint32_t *at_us, int8_t *by) {
   noInterrupts();
   int32_t now = counts;
@@ -70,7 +70,7 @@ void zero() {
   interrupts();
 }
 
-// Hold a force, in 32767ths of LIMIT_uN; returns the one that this is in steps of the PWM.
+// Hold a force, in 32767ths of LIMIT_uN; returns the force after rounding to steps of the PWM.
 int16_t set_force(int16_t force) {
   const float STEP = 32767.0f / PWM_AT_LIMIT;
   int duty = (int)(abs((int)force) / STEP + 0.5f);

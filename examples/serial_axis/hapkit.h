@@ -1,16 +1,16 @@
 // A Hapkit: ATmega328P at 16 MHz, an analogue magnetic sensor (KMA210) at A2, a motor driver with PWM at pin 5 and the
-// direction at pin 8. 500 Hz. Its place is counted from where it was switched on: centre the handle, and use home=yes.
+// direction at pin 8. 500 Hz. Positions count from the position at power-on: centre the handle, and use home=yes.
 //
 // PWM: pin 5 belongs to timer 0, here at 62.5 kHz as in Hapkit's own programs. Arduino's micros(), millis() and delay()
 // then go 64 times too fast, and the timer's interrupt takes a third of the processor. So it is off, and timer 1 is the clock.
 
 const uint16_t PERIOD_US = 2000;         // of the states: 500 Hz
-const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
+const uint16_t WATCHDOG_MS = 20;         // the force ends after this time without a command
 const uint32_t LIMIT_uN = 3000000;       // the maximum force that the motor makes
-const uint32_t CONTINUOUS_uN = 0;        // the one that it makes for ever; 0: not known
+const uint32_t CONTINUOUS_uN = 0;        // the force that it can hold continuously; 0: not known
 const uint32_t REACH_um = 50000;         // of the handle from its centre, in both directions
 const bool ABSOLUTE = false;
-const uint8_t BUTTONS = 0;               // how many, 4 at most
+const uint8_t BUTTONS = 0;               // number of buttons, 4 at most
 const int8_t DEAD_MAN = -1;              // which of them must be held; -1: none
 
 // Measure these three on yours.
@@ -25,13 +25,13 @@ const float DUTY_AT_LIMIT_2 = LIMIT_uN * 1e-9f * HANDLE_mm / SECTOR_mm * PULLEY_
 
 const uint8_t PIN_PWM = 5, PIN_DIRECTION = 8, CHANNEL = 2;
 const uint8_t TOGETHER = 4;              // readings for a state: their mean is finer than one reading
-const int16_t FURTHEST = 100;            // a handle goes no further between two readings: the sensor was in its jump
+const int16_t FURTHEST = 100;            // largest plausible motion between two readings: beyond it the sensor was in its jump
 
 int32_t place = 0;                       // in readings, over all half turns
 int32_t summed = 0, centre = 0;          // TOGETHER of them, now and at the centre
 int16_t before = 0;
 
-uint32_t clock_us() {  // timer 1 counts half microseconds; asked more often than each 32 ms
+uint32_t clock_us() {  // timer 1 counts half microseconds; call it at least every 32 ms
   static uint16_t asked = 0;
   static uint32_t now_us = 0;
   uint16_t halves = (TCNT1 - asked) & 0xFFFE;
@@ -81,7 +81,7 @@ int32_t position_nm(uint32_t *at_us, int8_t *by) {
 
 void zero() { centre = summed; }
 
-// Hold a force, in 32767ths of LIMIT_uN; returns the one that this is in steps of the PWM.
+// Hold a force, in 32767ths of LIMIT_uN; returns the force after rounding to steps of the PWM.
 int16_t set_force(int16_t force) {
   const float SHARE = DUTY_AT_LIMIT_2 * 255.0f * 255.0f / 32767.0f;  // of a duty's square in a 32767th
   float duty = sqrt(fabs((float)force) * SHARE);

@@ -4,15 +4,15 @@
 #include <SimpleFOC.h>
 
 const uint16_t PERIOD_US = 1000;         // of the states: 1 kHz
-const uint16_t WATCHDOG_MS = 20;         // no command for so long: no force
+const uint16_t WATCHDOG_MS = 20;         // the force ends after this time without a command
 const uint32_t LIMIT_uN = 2000000;       // the maximum force at RADIUS
-const uint32_t CONTINUOUS_uN = 500000;   // the one that the motor makes for ever; 0: not known
+const uint32_t CONTINUOUS_uN = 500000;   // the force that the motor can hold continuously; 0: not known
 const float RADIUS_nm = 20e6f;           // where the finger holds the knob: 20 mm
 const uint32_t REACH_um = 60000;         // length of arc from the centre, in both directions
 const uint32_t COUNT_nm = 30700;         // an AS5600 has 4096 counts a turn: 2 pi RADIUS / 4096
 const uint32_t NOISE_nm = 2 * COUNT_nm;  // of its readings, from peak to peak
 const bool ABSOLUTE = false;             // true: the knob goes less than a turn, and the sensor's zero is its centre
-const uint8_t BUTTONS = 0;               // how many, 4 at most
+const uint8_t BUTTONS = 0;               // number of buttons, 4 at most
 const int8_t DEAD_MAN = -1;              // which of them must be held; -1: none
 const float VOLTS_AT_LIMIT = 6.0f;       // measure it: hang a weight on the handle
 
@@ -51,7 +51,7 @@ int32_t position_nm(uint32_t *at_us, int8_t *by) {
 
 void zero() { centre_rad = angle_rad; }
 
-// Hold a force, in 32767ths of LIMIT_uN; returns the one that it is.
+// Hold a force, in 32767ths of LIMIT_uN; returns the held force.
 int16_t set_force(int16_t force) {
   target_V = force * (VOLTS_AT_LIMIT / 32767.0f);
   return force;

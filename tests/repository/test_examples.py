@@ -144,7 +144,7 @@ def test_own_moving_world(tmp_path: Path) -> None:
 def test_planet(tmp_path: Path) -> None:
     """A ball of 1000 N/m with a radius of 12 mm pushes with 12 N at most; its motor's work is not nothing."""
     said = run("planet", cwd=tmp_path)
-    ((push, given),) = numbers("the ball pushed with # N at most; what moves it gave # mJ", said)
+    ((push, given),) = numbers("the ball pushed with # N at most; its drive gave # mJ", said)
     assert 0.1 < push < 12.0
     assert given != 0.0
     assert "ever came out" in said

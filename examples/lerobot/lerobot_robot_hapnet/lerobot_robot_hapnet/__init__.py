@@ -1,8 +1,8 @@
-"""A robot behind a bad network, for LeRobot: ``--robot.type=hapnet`` beside any of LeRobot's teleoperators.
+"""A remote robot for LeRobot, over a bad network: ``--robot.type=hapnet`` with any of LeRobot's teleoperators.
 
-Each action moves the leader of a hapnet pair; the other side, on the robot's host, is `hapnet device --role follower`,
-`hapnet world`, or LeRobot with ``--teleop.type=hapnet``. An observation has where the far robot is, and with which
-force a device would push the hand back.
+Each action moves the leader of a hapnet pair. The other side, on the robot's host, is `hapnet device --role follower`,
+`hapnet world`, or LeRobot with ``--teleop.type=hapnet``. An observation has the remote robot's position and the force
+with which a haptic device would push the hand back.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from hapnet.devices import DeviceSilent
 from .side import Side
 
 SMOOTHING_S = 0.02
-"""A low-pass filter makes a motion of LeRobot's steps."""
+"""Time constant of the low-pass filter that turns LeRobot's steps into a motion."""
 
 STALE_S = 0.5
-"""Without an action for longer the hand is silent: the other side then does what its `on_silence` says."""
+"""Longest time without an action; after it the device is silent, and the other side applies its `on_silence`."""
 
 
 @RobotConfig.register_subclass("hapnet")
@@ -32,8 +32,8 @@ STALE_S = 0.5
 class HapnetRobotConfig(RobotConfig):
     """joints : the action's names, one for each axis. scale : metres (radians of joints) in a unit of an action.
 
-    connect, listen : endpoints, as `hapnet device` has them. params : hapnet's, such as {"link.up": "4g"}. speed : the
-    leader is never faster [m/s].
+    connect, listen : endpoints, as of `hapnet device`. params : hapnet's parameters, such as {"link.up": "4g"}. speed :
+    the leader's maximum speed [m/s].
     """
 
     joints: list[str] = field(default_factory=lambda: ["x"])
@@ -45,7 +45,7 @@ class HapnetRobotConfig(RobotConfig):
 
 
 class HapnetRobot(Robot):
-    """The far robot."""
+    """The remote robot."""
 
     config_class = HapnetRobotConfig
     name = "hapnet"
@@ -83,14 +83,14 @@ class HapnetRobot(Robot):
         self.side.open()
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Wherever the hand is at the first action is where the far robot is: nothing jumps."""
+        """Move the leader. The first action corresponds to the remote robot's position, so the robot does not jump."""
         now = {name: float(action[name]) for name in self.action_features}
         self._first = self._first or now
         self.hand.go(tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
         return now
 
     def get_observation(self) -> dict[str, Any]:
-        """Before there is a far robot: as if it stood where the hand is, without force."""
+        """The remote robot's position and the force [N]; before a peer connects, the first action and no force."""
         assert self.side is not None, "connect comes first"
         sample = self.side.sample
         at = (0.0,) * self.hand.dof if sample is None else sample.target_m
@@ -105,7 +105,7 @@ class HapnetRobot(Robot):
 
 
 class Hand:
-    """LeRobot's actions as a device without motors: it moves, and what it would render is kept as `felt` [N]."""
+    """A device without motors that follows LeRobot's actions; `felt` is the force that it would render [N]."""
 
     resolution = 0.0
     force_limit = 3.3
@@ -115,16 +115,16 @@ class Hand:
         self.greatest_speed = 2.0 * speed
         self.felt = self._x = self._goal = (0.0,) * dof
         self._speed = speed
-        self._read_s = self._told_s = time.monotonic()
+        self._read_s = self._action_s = time.monotonic()
         self._began = False
 
     def go(self, goal: tuple[float, ...]) -> None:
-        self._goal, self._told_s, self._began = goal, time.monotonic(), True
+        self._goal, self._action_s, self._began = goal, time.monotonic(), True
 
     def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         now = time.monotonic()
         dt, self._read_s = now - self._read_s, now
-        if self._began and now - self._told_s > STALE_S:
+        if self._began and now - self._action_s > STALE_S:
             raise DeviceSilent(f"no action for {STALE_S:g} s")
         share, most = -math.expm1(-dt / SMOOTHING_S), self._speed * dt
         moved = tuple(max(-most, min(most, share * (g - x))) for g, x in zip(self._goal, self._x, strict=True))

@@ -1,4 +1,4 @@
-"""One side of a hapnet pair for a program without asyncio: it runs in a thread of its own."""
+"""One side of a hapnet pair for a program without asyncio; the side runs in its own thread."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Side:
-    """What `connect` gives, an asynchronous context manager such as `hapnet.connect_device`, from `open` to `close`."""
+    """Runs the asynchronous context manager that `connect` returns, such as `hapnet.connect_device`, until `close`."""
 
     def __init__(self, connect: Callable[[], AbstractAsyncContextManager[Any]]) -> None:
         self._connect = connect
@@ -24,26 +24,26 @@ class Side:
         self.summary: Any = None
 
     def open(self) -> None:
-        """Returns when the other side can come. Raises what prevents it."""
+        """Start the side; return when the other side can connect. Raises ConnectionError: the side failed."""
         self._thread.start()
         self._changed.wait()
         self.check()
 
     def wait_for_peer(self) -> None:
-        """Returns when there is a peer, and this side has a place. Raises what the side failed with before that."""
+        """Return when a peer has connected and there is a sample. Raises ConnectionError: the side failed or ended."""
         while self.sample is None:
             if not self.is_open:
                 raise ConnectionError("hapnet: the run ended before there was a peer")
             time.sleep(0.01)
 
     def check(self) -> None:
-        """Raise what the side failed with."""
+        """Raises ConnectionError: the side failed."""
         if self._failure is not None:
             raise ConnectionError(f"hapnet: {self._failure}") from self._failure
 
     @property
     def sample(self) -> Any:
-        """The newest sample; None: there is no peer yet. Raises what the side failed with."""
+        """The newest sample; None before a peer has connected. Raises ConnectionError: the side failed."""
         self.check()
         return self._side.sample
 
@@ -52,7 +52,7 @@ class Side:
         return self._side is not None and self._thread.is_alive()
 
     def close(self) -> None:
-        """The force is zero first; then the other side is told. `summary` is then the run's."""
+        """Set the force to zero, notify the other side and wait for the end; then `summary` is the run's summary."""
         if self._loop is not None and self._leave is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._leave.set)
             self._thread.join()
@@ -62,7 +62,7 @@ class Side:
         try:
             async with self._connect() as self._side:
                 self._changed.set()
-                left, ended = (asyncio.ensure_future(one) for one in (self._leave.wait(), self._side.wait_ended()))
+                left, ended = (asyncio.ensure_future(wait) for wait in (self._leave.wait(), self._side.wait_ended()))
                 await asyncio.wait((left, ended), return_when=asyncio.FIRST_COMPLETED)
                 left.cancel()
                 ended.cancel()

@@ -1,9 +1,9 @@
-"""A hand behind a bad network, for LeRobot: ``--teleop.type=hapnet`` beside any of LeRobot's robots.
+"""A remote hand for LeRobot, over a bad network: ``--teleop.type=hapnet`` with any of LeRobot's robots.
 
 The other side, on the hand's host, is `hapnet device` with any haptic device, or LeRobot with ``--robot.type=hapnet``.
-Here a virtual mass follows the hand, passively over any link, and an action is where it is. What `send_feedback` says
-of the robot acts on the mass, and so on the hand, and the first of it says where the mass begins: before that there is
-no action. LeRobot's loop hands observations to nobody, so the robot is ``--robot.type=hapnet_arm`` around any other.
+Here a virtual mass follows the hand, passively over any link; an action is the position of the mass. `send_feedback`
+makes the robot's state act on the mass, and so on the hand. The first feedback sets the initial position of the mass;
+before it there is no action. LeRobot's loop passes observations to no teleoperator: use ``--robot.type=hapnet_arm``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lerobot_robot_hapnet.side import Side
 from hapnet import connect_world
 
 STALE_S = 0.25
-"""Feedback that is older does not act."""
+"""Maximum age of feedback; older feedback has no effect."""
 
 
 @TeleoperatorConfig.register_subclass("hapnet")
@@ -30,8 +30,8 @@ STALE_S = 0.25
 class HapnetTeleoperatorConfig(TeleoperatorConfig):
     """joints : the action's names, one for each axis. scale : metres (radians of joints) in a unit of an action.
 
-    connect, listen : endpoints, as `hapnet world` has them. params : hapnet's, such as {"link.down": "4g"}. stiffness,
-    damping : of the spring from the mass to where the robot is, where feedback has positions [N/m], [Ns/m].
+    connect, listen : endpoints, as of `hapnet world`. params : hapnet's parameters, such as {"link.down": "4g"}.
+    stiffness, damping : of the spring between mass and robot, used for feedback with positions [N/m], [Ns/m].
     """
 
     joints: list[str] = field(default_factory=lambda: ["x"])
@@ -44,12 +44,12 @@ class HapnetTeleoperatorConfig(TeleoperatorConfig):
 
 
 class HapnetTeleoperator(Teleoperator):
-    """The far hand."""
+    """The remote hand."""
 
     config_class = HapnetTeleoperatorConfig
     name = "hapnet"
     opened: ClassVar[list[HapnetTeleoperator]] = []
-    """Those that are connected."""
+    """The connected teleoperators."""
 
     def __init__(self, config: HapnetTeleoperatorConfig) -> None:
         super().__init__(config)
@@ -87,32 +87,32 @@ class HapnetTeleoperator(Teleoperator):
         self.opened.append(self)
 
     def get_action(self) -> dict[str, float]:
-        """Where the mass is, which begins where the robot is. Empty before it is known where that is, for a processor
-        that feeds it back.
+        """The position of the mass, which begins at the robot's position. Empty before the first feedback, if
+        `with_feedback` is used.
 
-        Raises RuntimeError: nobody says where the robot is.
+        Raises RuntimeError: the robot's position was not fed back.
         """
         if not self._fed:
             if self.waits:
                 return {}
-            raise RuntimeError("it is not known where the arm is: use --robot.type=hapnet_arm, see hapnet's README")
+            raise RuntimeError("the arm's position is not known: use --robot.type=hapnet_arm, see hapnet's README")
         return {
             name: first + x / self.config.scale
             for (name, first), x in zip(self._first.items(), self._at(), strict=True)
         }
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Where the robot is (``x.pos``), or the force on it (``x.force``, in N), which counts more once it is known
-        where the robot is."""
+        """Take the robot's position (``x.pos``) or the force on it (``x.force``, in N). Once the position is known, the
+        force has precedence."""
         forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
         if self._fed and None not in forces:
-            self.robot.tell(force=tuple(map(float, forces)))
+            self.robot.feed(force=tuple(map(float, forces)))
             return
         now = {name: float(feedback[name]) for name in self.action_features}
         if not self._fed:
             at = zip(now.items(), self._at(), strict=True)
             self._fed, self._first = True, {name: place - x / self.config.scale for (name, place), x in at}
-        self.robot.tell(at=tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
+        self.robot.feed(at=tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
 
     def _at(self) -> tuple[float, ...]:
         assert self.side is not None, "connect comes first"
@@ -135,9 +135,9 @@ class HapnetArmConfig(RobotConfig):
 
 
 class HapnetArm(Robot):
-    """A robot of LeRobot's that tells hapnet's teleoperators in this program where it is.
+    """A wrapper of any LeRobot robot that feeds its position back to hapnet's teleoperators in this program.
 
-    LeRobot's loop asks for the observation first, so the first action is where the arm is.
+    LeRobot's loop reads the observation first, so the first action is the arm's position.
     """
 
     config_class = HapnetArmConfig
@@ -188,7 +188,7 @@ class HapnetArm(Robot):
 
 
 class Measured:
-    """The robot as a world: what it does to the mass, as of the last feedback. hapnet keeps its account."""
+    """The robot as a world: its force on the mass from the newest feedback. hapnet keeps its energy account."""
 
     name = "lerobot"
     robot = True
@@ -196,15 +196,15 @@ class Measured:
     def __init__(self, dof: int, stiffness: float, damping: float) -> None:
         self.dof = dof
         self._stiffness, self._damping = stiffness, damping
-        self._told: tuple[float, tuple[float, ...] | None, tuple[float, ...] | None] = (-1.0, None, None)
+        self._newest: tuple[float, tuple[float, ...] | None, tuple[float, ...] | None] = (-1.0, None, None)
 
-    def tell(self, at: tuple[float, ...] | None = None, force: tuple[float, ...] | None = None) -> None:
-        self._told = time.monotonic(), at, force
+    def feed(self, at: tuple[float, ...] | None = None, force: tuple[float, ...] | None = None) -> None:
+        self._newest = time.monotonic(), at, force
 
     def step(self, dt: float, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
         """The force on the mass [N]."""
-        told_s, at, force = self._told
-        if time.monotonic() - told_s > STALE_S:
+        fed_s, at, force = self._newest
+        if time.monotonic() - fed_s > STALE_S:
             return (0.0,) * self.dof
         if force is not None:
             return force
@@ -216,9 +216,9 @@ class Measured:
 
 
 def with_feedback(teleop: HapnetTeleoperator) -> Callable[[tuple[dict[str, Any], dict[str, Any]]], dict[str, Any]]:
-    """A `teleop_action_processor` for LeRobot's own loop, which hands observations to nobody else (but for one robot).
+    """A `teleop_action_processor` for LeRobot's own loop, which calls `send_feedback` for one robot only.
 
-    It feeds the observation back first, so that the first action is where the robot is.
+    The processor feeds the observation back first, so that the first action is the robot's position.
     """
     teleop.waits = True
 
