@@ -27,7 +27,7 @@ class RateLine:
 
 
 def release_ns(line: RateLine, ready_ns: int, size: int) -> int:
-    """`RateLine.release_ns`."""
+    """The time at which a message has crossed the line after all others [ns]: `RateLine.release_ns`."""
     if size != line.size:
         line.size, line.takes_ns = size, models.transmission_ns(size, line)
     free_ns = line.free_ns

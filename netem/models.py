@@ -7,7 +7,7 @@ effect, or this effect's parameters, change.
 These streams correct an error of Linux's netem. Its correlated generator averages uniform draws, which concentrates
 them in the middle: `loss 5% 25%` loses 0.2 % and `reorder 25% 50%` reorders 7 %, and the delays' correlation has no
 effect. Here a correlation C is the lag-1 correlation of the decisions (or of the delays), and their distribution stays
-as asked.
+as requested.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Named link profiles. Every figure is for one direction: two such links in series make a round trip.
 
-If a profile resends, its loss is that of a single try, and the comment says what stays lost. The correlation of its
+If a profile resends, its loss is that of a single try, and the comment gives the remaining loss. The correlation of its
 losses is chosen to give that share, because a fade or a collision lasts longer than a resend. All other losses and
 delays are those that remain after the real link's own resends, if it has any.
 """

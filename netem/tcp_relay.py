@@ -43,7 +43,7 @@ WINDOW: Final = 1 << 20
 MIN_TIMER_S, MAX_TIMER_S = 0.2, 60.0
 """Bounds of the time after which a segment is sent again [s]: Linux's minimum, and the lowest maximum in RFC 6298."""
 
-_LATER = 3  # segments sent later whose acknowledgement says that one is lost (RFC 5681)
+_LATER = 3  # acknowledgements of later segments that show the loss of a segment (RFC 5681)
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ MAX_BACKLOG = 65_536
 """Most messages that wait for the loop, or for a blocking network, in each direction; more are dropped and counted."""
 
 CLOSE_TIMEOUT_S = 3.0
-"""How long `close` waits; under loss Zenoh can take 10 s, and then closes in the background."""
+"""The longest wait of `close`; under loss Zenoh can take 10 s, and then closes in the background."""
 
 _SETTINGS: dict[str, object] = {
     "scouting/multicast/enabled": False,

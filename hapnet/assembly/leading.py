@@ -1,4 +1,4 @@
-"""When a device leads the other side: the clutch, and the switch by which a hand holds the device."""
+"""Builds the conditions under which a device leads the other side: its clutch, and the switch that a hand holds."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ class UserDevice:
         driver: Any = self.device  # optional methods are not part of `Device`
         try:
             driver.home()
-        except HapnetError as error:  # the driver's message tells the user what to do first
+        except HapnetError as error:  # the driver's message has the first remedy
             raise HapnetError(f"the device {self.name} is not ready: {error}") from error
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the device {self.name} failed: home() raised {failure(error)}") from error
@@ -209,7 +209,7 @@ class UserDevice:
             self._call("vibrate", force)
 
     def braked(self) -> str:
-        """Why the device renders no force now; empty: it does. HapnetError if it fails."""
+        """The reason why the device renders no force now; empty: it does. Raises HapnetError: it fails."""
         return str(self._call("braked")) if "braked" in self._optional else ""
 
     @property
@@ -223,7 +223,7 @@ class UserDevice:
         return bool(getattr(self.device, "blocking", False))
 
     def buttons(self) -> tuple[bool, ...]:
-        """Which buttons were pressed at the last reading; HapnetError if the device fails."""
+        """The states of the buttons at the last reading. Raises HapnetError: the device fails."""
         if "buttons" not in self._optional:
             return ()
         returned = self._call("buttons")

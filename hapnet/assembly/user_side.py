@@ -36,7 +36,7 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         with named_section("device"):
             hold((0.0,) * setup.dof, False)
         driven = drive(setup, clock, write)
-        if isinstance(device.device, SimulatedDevice):  # the side must know that the device is simulated
+        if isinstance(device.device, SimulatedDevice):  # the side must get the simulated device itself
             simulating = SampledDeviceSide(endpoint, device.device, hold, driven, device.declared)
             let_lead(setup.params, setup.units, simulating)
             return simulating

@@ -195,7 +195,7 @@ def _compiled_look(model: ContactState, n: int, x: Reals) -> None:
 
 @compiled_as(_compiled_look)
 def look(model: ContactState, n: int, x: Reals) -> None:
-    """`ContactState.look`."""
+    """Compute y from the known planes, without lead and fading: `ContactState.look`."""
     model.look(n, tuple(x))
 
 
@@ -227,7 +227,7 @@ def _compiled_use_planes(model: ContactState, n: int, count: int) -> None:
 
 @compiled_as(_compiled_use_planes)
 def use_planes(model: ContactState, n: int, count: int) -> None:
-    """`ContactState.use_planes`."""
+    """Use the planes of a new answer from now on: `ContactState.use_planes`."""
     model.use_planes(n, count)
 
 

@@ -122,13 +122,13 @@ def copy_bent(source: ContactPlane, n: int, target: ContactPlane) -> None:
 
 @equation
 def depth(one: ContactPlane, n: int, position: Reals) -> float:
-    """`ContactPlane.depth`."""
+    """The depth of a position behind the plane as sent [m]: `ContactPlane.depth`."""
     return dot(n, one.normal, position) - one.offset
 
 
 @equation
 def now(one: ContactPlane, age: float) -> float:
-    """`ContactPlane.now`."""
+    """The plane's present offset, without its grain [m]: `ContactPlane.now`."""
     if one.velocity == 0.0:
         return one.offset
     return one.offset + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
@@ -155,7 +155,7 @@ def among(one: ContactPlane, others: Sequence[ContactPlane], count: int, n: int,
 def withdrawn(
     one: ContactPlane, reported: Sequence[ContactPlane], count: int, n: int, position: Reals, reach_m: float
 ) -> bool:
-    """`ContactPlane.withdrawn`. A moving plane is never kept: its present position is unknown."""
+    """Whether an answer rules this plane out, as in `ContactPlane.withdrawn`; always for a moving plane."""
     if one.velocity != 0.0 or -depth(one, n, position) <= reach_m:
         return True
     return among(one, reported, count, n, position)

@@ -93,13 +93,13 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
 
 @equation
 def keep_surface(answer: Answer, one: ContactPlane, n: int, at: int) -> None:
-    """`keep` in compiled code."""
+    """Keep an earlier plane with the answer's planes; compiled in place of `keep`."""
     copy_bent(one, n, answer.planes[at])
 
 
 @equation
 def use_surface_planes(model: ContactState, n: int, count: int) -> None:
-    """`use_planes` in compiled code."""
+    """Use the planes of a new answer from now on; compiled in place of `use_planes`."""
     answer, model.bends, model.count = model.answer, 0, count
     for k in range(count):
         copy_bent(answer.planes[k], n, model.planes[k])

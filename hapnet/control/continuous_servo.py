@@ -146,7 +146,7 @@ def sent(sender: Sender, coupling: SetPositionCoupling, x: Vector) -> Update | N
 def rest(
     servo: ContinuousServo, coupling: SetPositionCoupling, dt: float, x: Reals, work: float, kinetic: float
 ) -> None:
-    """`ContinuousServo.rest`."""
+    """Keep the account, as every tick does first: `ContinuousServo.rest`."""
     servo.elapsed += dt
     ledgers.put_in(coupling.ledger, work)
     ledgers.observe(coupling.ledger, kinetic + potential(coupling, x), coupling.account)

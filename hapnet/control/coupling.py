@@ -211,10 +211,10 @@ class Law(Protocol):
 
     @property
     def set_position(self) -> Vector:
-        """As `CouplingState.set_position`."""
+        """The point to which the spring is tied [m]: see `CouplingState.set_position`."""
 
     def receive(self, sample: CouplingSample) -> None:
-        """As `CouplingState.receive`."""
+        """Take in a sample that arrived: see `CouplingState.receive`."""
 
     def on_peer_changed(self) -> None:
         """Start again with a new peer; its counts start at zero."""

@@ -171,7 +171,7 @@ def rest(
 
 @equation
 def _rest_on(proxy: RubbingProxy, n: int, x: Reals, shift: Reals, age: float, s: Floats) -> None:
-    """`rest` on flat planes, starting from the last forces."""
+    """Solve `rest` on flat planes, starting from the last forces."""
     forces, tractions, wanted, yielded = proxy.forces, proxy.tractions, proxy.wanted, proxy.yielded
     copy(n, x, s)
     for k in range(proxy.count):

@@ -24,7 +24,7 @@ def dissipated_by_range(damping: Vector, low: Vector, high: Vector, interval: fl
 
 @equation
 def by_range(n: int, damping: Reals, low: Reals, high: Reals, interval: float, resolution: float) -> float:
-    """`dissipated_by_range`."""
+    """D_min of (10) [J], from the lowest and highest positions: `dissipated_by_range`."""
     if interval <= 0.0:
         return 0.0
     total = 0.0
@@ -80,7 +80,7 @@ class MeasuredHarvest(Record):
 
 @equation
 def hold(harvest: MeasuredHarvest, torque: Reals, start: Reals, end: Reals, period: float) -> float:
-    """`MeasuredHarvest.hold`."""
+    """Count the work of a held torque [J]: `MeasuredHarvest.hold`."""
     work = 0.0
     for i in range(harvest.n):
         work += torque[i] * (end[i] - start[i])
@@ -97,7 +97,7 @@ def hold(harvest: MeasuredHarvest, torque: Reals, start: Reals, end: Reals, peri
 
 @equation
 def take(harvest: MeasuredHarvest, potential_change: float) -> float:
-    """`MeasuredHarvest.take`."""
+    """D_s since the last call [J]: `MeasuredHarvest.take`."""
     harvested = harvest.work - potential_change
     harvest.work = 0.0
     return harvested

@@ -40,7 +40,7 @@ class End(Record):
     outgoing: LawMessage
 
     sends: ClassVar[type[MotionSample] | type[PortSample] | type[WaveSample] | None] = None
-    """None: bare positions."""
+    """The kind of samples that the end sends; None: bare positions."""
 
     def __init__(self, position: Vector) -> None:
         super().__init__()
@@ -49,11 +49,11 @@ class End(Record):
 
     @property
     def set_position(self) -> Vector:
-        """As `CouplingState.set_position`."""
+        """The point to which the spring is tied [m]: see `CouplingState.set_position`."""
         return tuple(self.y)
 
     def receive(self, sample: CouplingSample) -> None:
-        """As `CouplingState.receive`."""
+        """Take in a sample that arrived: see `CouplingState.receive`."""
         match sample:
             case MotionSample(position, velocity):
                 self.take(position, velocity, 0.0, UNTOLD)
@@ -139,7 +139,7 @@ class WorldEnd(End):
         raise NotImplementedError
 
     def moved(self, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
-        """As `WorldLaw.moved`."""
+        """Complete the step, from the mass's motion in it: see `WorldLaw.moved`."""
         raise NotImplementedError
 
     def next_sample(self) -> CouplingSample:

@@ -70,25 +70,25 @@ class Ledger(Record):
 
 @equation
 def credit(ledger: Ledger, energy: float) -> None:
-    """`Ledger.credit`."""
+    """Add energy received from the other side: `Ledger.credit`."""
     ledger.credited, ledger.credited_carry = _added(ledger.credited, energy, ledger.credited_carry)
 
 
 @equation
 def send(ledger: Ledger, energy: float) -> None:
-    """`Ledger.send`."""
+    """Add energy shuffled to the other side: `Ledger.send`."""
     ledger.sent, ledger.sent_carry = _added(ledger.sent, energy, ledger.sent_carry)
 
 
 @equation
 def put_in(ledger: Ledger, work: float) -> None:
-    """`Ledger.put_in`."""
+    """Add work done on this side at its port: `Ledger.put_in`."""
     ledger.work, ledger.carry = _added(ledger.work, work, ledger.carry)
 
 
 @equation
 def observe(ledger: Ledger, stored: float, reservoir: float) -> None:
-    """`Ledger.observe`."""
+    """Update margin and slack with the present V and E: `Ledger.observe`."""
     margin = ledger.work + ledger.bound + ledger.credited - ledger.sent
     slack = margin - stored - reservoir
     ledger.margin = margin

@@ -51,6 +51,6 @@ class Silence(Record):
 
 @equation
 def releases(silence: Silence, dt: float, fresh: bool) -> bool:
-    """`Silence.step`."""
+    """Advance by dt seconds; returns whether y must be released: `Silence.step`."""
     silence.elapsed = 0.0 if fresh else silence.elapsed + dt
     return silence.releases != 0 and silence.elapsed > silence.after

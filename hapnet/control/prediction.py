@@ -149,7 +149,7 @@ class MotionPredictor(Record):
 
 @equation
 def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
-    """`MotionPredictor.receive`."""
+    """Take in a position and its sender's time stamp: `MotionPredictor.receive`."""
     times, places = p.times, p.places
     end = p.start + p.count
     at = end
@@ -184,7 +184,7 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
 
 @equation
 def predict(p: MotionPredictor, n: int, ahead: float, out: Floats) -> float:
-    """`MotionPredictor.at`: the position into `out`; returns the time that was really predicted [s]."""
+    """Put the predicted position into `out`; returns the time really predicted [s]: `MotionPredictor.at`."""
     fit(p, n)
     ahead = min(max(ahead, 0.0), p.maximum)
     curve = min(ahead, p.max_curve)
@@ -309,7 +309,7 @@ class PredictedDevice(Record):
         return turn_s(self)
 
     def release(self, position: Vector) -> None:
-        """As `reset`."""
+        """Forget the device's motion, as `reset` does; y continues at `position` [m]."""
         self.reset(position)
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
@@ -331,7 +331,7 @@ class PredictedDevice(Record):
 
 @equation
 def receive(predicted: PredictedDevice, n: int, position: Reals, sent_s: float, age_s: float) -> None:
-    """`PredictedDevice.receive`."""
+    """Take in the device's position and its age: `PredictedDevice.receive`."""
     p = predicted.predictor
     note(p, n, position, sent_s)
     if p.count and sent_s == p.times[p.start + p.count - 1]:
@@ -341,7 +341,7 @@ def receive(predicted: PredictedDevice, n: int, position: Reals, sent_s: float, 
 
 @equation
 def look_ahead(predicted: PredictedDevice, n: int, dt: float) -> None:
-    """`PredictedDevice.step`."""
+    """Predict y, `dt` seconds after the last step: `PredictedDevice.step`."""
     ahead, around = aim(predicted, n, dt), predicted.around
     if predicted.stop_s != 0.0 and ahead != 0.0:
         for k in range(around.count):
@@ -379,11 +379,11 @@ def stop(predicted: PredictedDevice, n: int, normal: Reals, offset: float, veloc
 
 @equation
 def turn_s(predicted: PredictedDevice) -> float:
-    """`PredictedDevice.turn_s`."""
+    """The approximate time from a motion of the device to its answer [s]: `PredictedDevice.turn_s`."""
     return 2.0 * predicted.age + predicted.mean_step
 
 
 @equation
 def stands_for(predicted: PredictedDevice, dt: float) -> float:
-    """`PredictedDevice.stands_for`."""
+    """The time on the device's clock for which the proxy holds [s]: `PredictedDevice.stands_for`."""
     return max(0.0, predicted.aimed_s - predicted.lag + dt / 2.0) if predicted.has_aimed else 0.0

@@ -226,7 +226,7 @@ class SetPositionModulator(Record):
 
 @equation
 def modulate(m: SetPositionModulator, y: Reals, x: Reals, dissipated: float, received: float, keep: float) -> None:
-    """`SetPositionModulator.modulate`."""
+    """Run PSPM once, without checks of the arguments: `SetPositionModulator.modulate`."""
     spring, ybar = m.spring, m.ybar
     before = springs.between(spring, ybar, x)
     at_hand = m.energy - m.deficit + received + dissipated + before  # R of the ellipsoid (9)
@@ -255,7 +255,7 @@ def modulate(m: SetPositionModulator, y: Reals, x: Reals, dissipated: float, rec
 
 @equation
 def give(m: SetPositionModulator, dt: float, peer_level: float, keep: float) -> float:
-    """`SetPositionModulator.give`; a level below 0 means unknown, and the result is then 0."""
+    """Take out and return energy that the other side needs more [J]; 0 if its level is unknown, below 0."""
     own = reservoir_level.level(m.energy, 0.0, m.reserve, m.ceiling, m.modulated != 0)
     spare = m.energy - max(m.reserve, keep - m.stored)
     given = reservoir_level.gift(dt, own, peer_level, m.ceiling - m.reserve, spare)

@@ -142,7 +142,7 @@ class ForceGuard(Record):
 
 @equation
 def cost(guard: ForceGuard, force: float) -> float:
-    """`ForceGuard.cost`."""
+    """The energy that a force of this length needs until it is reduced to zero [J]: `ForceGuard.cost`."""
     if guard.held_m > 0.0 and force <= guard.plain:
         return guard.held_m * force
     return guard.reach * ramp(force, guard.step) + guard.more
@@ -166,7 +166,7 @@ def _affordable(guard: ForceGuard, energy: float) -> float:
 
 @equation
 def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
-    """`ForceGuard.admit`: replaces `wanted` by the force to hold. Returns whether the force changed."""
+    """Replace `wanted` by the force to hold: `ForceGuard.admit`. Returns whether the force changed."""
     size = length(n, wanted)
     ramped = size * (size * guard.square + guard.linear) + guard.constant
     if (
@@ -182,7 +182,7 @@ def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, ener
 
 @equation
 def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
-    """`admit`, exactly. size : the length of `wanted` [N]."""
+    """Do the exact computation of `admit`. size : the length of `wanted` [N]."""
     step = guard.step
     most = guard.limit
     changed = False

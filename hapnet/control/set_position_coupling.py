@@ -58,7 +58,7 @@ class Source(Protocol):
     """Computes y from the samples that have arrived."""
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """As `CouplingState.receive`."""
+        """Take in a sample that arrived: see `CouplingState.receive`."""
 
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the own position x [m], `dt` seconds after the last step."""
@@ -288,7 +288,7 @@ class SetPositionCoupling(Record):
 
 @equation
 def receive(coupling: SetPositionCoupling, n: int, set_position: Reals, sent_s: float) -> None:
-    """`SetPositionCoupling.receive`, without level and source."""
+    """Take in a set-position that arrived [m]: `SetPositionCoupling.receive`, without level and source."""
     copy(n, set_position, coupling.received)
     coupling.sent_s = sent_s
     coupling.fresh = coupling.has_sample = 1
@@ -296,7 +296,7 @@ def receive(coupling: SetPositionCoupling, n: int, set_position: Reals, sent_s: 
 
 @equation
 def credit(coupling: SetPositionCoupling, energy: float) -> None:
-    """`SetPositionCoupling.credit`."""
+    """Take in shuffled energy that arrived [J]: `SetPositionCoupling.credit`."""
     coupling.waiting += energy
     coupling.has_sample = 1
 
@@ -309,7 +309,7 @@ def potential(coupling: SetPositionCoupling, x: Reals) -> float:
 
 @equation
 def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, keep: float) -> None:
-    """`SetPositionCoupling.update`, once the source has put its y into `coupling.y`."""
+    """Run PSPM once, with y in `coupling.y`: `SetPositionCoupling.update`."""
     n, y = coupling.modulator.spring.dof, coupling.y
     fresh = coupling.fresh != 0
     coupling.fresh = 0
@@ -386,7 +386,7 @@ class SetPositionSteps:
         return done
 
     def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
-        """`control.coupling.counted`."""
+        """Count a step in the ledger and run the law, as `control.coupling.counted` does."""
         return counted(self, dt, x, kinetic, work, dissipated)
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:

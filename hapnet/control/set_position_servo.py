@@ -300,7 +300,7 @@ def tick(
     servo: SampledServo, coupling: SetPositionCoupling, model: ContactState | None, dt: float, x: Reals, v: Reals,
     who: int,
 ) -> int:  # fmt: skip
-    """`SampledServo.tick` without a release. who : chooses y; after `ASKS` the caller calls again with `CHOSEN`."""
+    """Do a tick without a release: `SampledServo.tick`. who : chooses y; after `ASKS`, call again with `CHOSEN`."""
     result = RESTS
     if who == CHOSEN or hold_on(servo, coupling, dt, x):
         if who == ASKING:
@@ -317,7 +317,7 @@ def tick(
 
 @equation
 def account(servo: SampledServo, coupling: SetPositionCoupling) -> float:
-    """`SampledServo.account`."""
+    """The reservoir's content plus the harvest of the current interval [J]: `SampledServo.account`."""
     if servo.ranged:
         return coupling.account
     return coupling.account + (servo.measured.work - (potential(coupling, servo.position) - servo.potential))

@@ -41,7 +41,7 @@ def low_passed(dt: float, time_constant: float, state: Vector, y: Vector) -> Vec
 
 @equation
 def low_pass(n: int, dt: float, time_constant: float, state: Floats, y: Reals) -> None:
-    """`low_passed`, in place."""
+    """Make a step of a first-order low-pass in place: `low_passed`."""
     gain = dt / (time_constant + dt)
     for i in range(n):
         state[i] = state[i] + gain * (y[i] - state[i])
@@ -78,7 +78,7 @@ class FilteredVelocity(Record):
 
 @equation
 def filter_velocity(f: FilteredVelocity, n: int, dt: float, x: Reals) -> None:
-    """`FilteredVelocity.step`."""
+    """Filter the velocity of motion to x, `dt` seconds after the last step: `FilteredVelocity.step`."""
     if not f.known:
         copy(n, x, f.filtered)
         f.known = 1
@@ -121,7 +121,7 @@ class SmoothingFilter(Record):
 
 @equation
 def smooth(stage: SmoothingFilter, n: int, dt: float, y: Floats) -> None:
-    """`SmoothingFilter.step`, in place."""
+    """Smooth y in place: `SmoothingFilter.step`."""
     if not stage.has_state:
         copy(n, y, stage.state)
         stage.has_state = 1
@@ -174,7 +174,7 @@ class VelocityPredictor(Record):
 
 @equation
 def extrapolate(stage: VelocityPredictor, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
-    """`VelocityPredictor.step`, in place. fresh : whether y is a new sample, sent at `sent_s`."""
+    """Extrapolate y in place: `VelocityPredictor.step`. fresh : whether y is a new sample, sent at `sent_s`."""
     stage.age += dt
     if fresh:
         if stage.has_last and sent_s < stage.last_s - stage.maximum:
@@ -236,6 +236,6 @@ def _compiled_step(stages: Pipeline, n: int, dt: float, y: Floats, fresh: bool, 
 
 @compiled_as(_compiled_step)
 def step(stages: Pipeline, n: int, dt: float, y: Floats, fresh: bool, sent_s: float) -> None:
-    """`Pipeline.step`, in place."""
+    """Pass y through all stages in place: `Pipeline.step`."""
     if stages.stages:
         y[:] = stages.step(dt, tuple(y), sent_s if fresh else None)

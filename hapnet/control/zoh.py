@@ -61,7 +61,7 @@ class ZeroOrderHold(Record):
 
 @equation
 def hold(m: ZeroOrderHold | SetPositionModulator, y: Reals, x: Reals) -> None:
-    """`ZeroOrderHold.modulate`."""
+    """Set ybar = y; no energy changes: `ZeroOrderHold.modulate`."""
     before = between(m.spring, m.ybar, x)
     copy(m.spring.dof, y, m.ybar)
     m.jump = between(m.spring, y, x) - before

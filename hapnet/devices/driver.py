@@ -27,7 +27,7 @@ class Driver(ABC):
     about: ClassVar[str] = ""
     """A short description of the device, for `hapnet devices`."""
     tested: ClassVar[str] = "untested"
-    """How far this driver was tested: ``emulator-tested``, or on which hardware."""
+    """The state of this driver's tests: ``emulator-tested``, or the hardware on which it was tested."""
     udev: ClassVar[str] = ""
     """On Linux: the udev rule that lets the user at the machine open the device; empty: none is needed."""
     emulator: ClassVar[str] = ""
@@ -50,7 +50,7 @@ class Driver(ABC):
     greatest_speed: float | None = None
     """The greatest speed of the handle [m/s]."""
     workspace: float | Vector | None = None
-    """How far the handle reaches from its origin in both directions [m], or on each axis."""
+    """The handle's reach from its origin in both directions [m], or on each axis."""
     stiffness_range: tuple[float, float] | None = None
     """Smallest and largest stiffness that the device renders [N/m]."""
     damping_range: tuple[float, float] | None = None

@@ -260,7 +260,7 @@ def _compiled_advance(device: SimulatedDevice, hand: Hand) -> float:
 
 @compiled_as(_compiled_advance)
 def advance(device: SimulatedDevice, hand: Hand | None) -> float:
-    """`SimulatedDevice.advance`; plain Python gets the hand's reference from the operator."""
+    """Run a tick, and return the hand's work [J]; plain Python gets the hand's reference from the operator."""
     return device.advance()
 
 
@@ -274,7 +274,7 @@ def _count(device: SimulatedDevice) -> None:
 
 @equation
 def read(device: SimulatedDevice) -> None:
-    """`SimulatedDevice.read`."""
+    """Read position and velocity: `SimulatedDevice.read`."""
     n, x, v, span = device.dof, device.read_position, device.read_velocity, device.time - device.read_time
     device.read_time = device.time
     copy(n, device.state.velocity if device.resolution == 0.0 else x, v)

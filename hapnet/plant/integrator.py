@@ -283,7 +283,7 @@ def factor(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
 
 @equation
 def factored(mass: PassiveIntegrator, dt: float, drag: float) -> bool:
-    """`factor`, unless A is already factored for this step."""
+    """Factor A, unless it is already factored for this step; false: it cannot be computed."""
     return (mass.factored_dt == dt and mass.factored_drag == drag) or factor(mass, dt, drag)
 
 
@@ -343,7 +343,7 @@ def finish(mass: PassiveIntegrator, dt: float) -> None:
 
 @equation
 def spring_among(mass: PassiveIntegrator, dt: float, ybar: Reals, contacts: Surroundings | None) -> None:
-    """`PassiveIntegrator.step`, once A is factored."""
+    """Advance the mass on a spring, once A is factored: `PassiveIntegrator.step`."""
     drive(mass, dt, ybar)
     respond(mass, dt, contacts)
     finish(mass, dt)
@@ -351,7 +351,7 @@ def spring_among(mass: PassiveIntegrator, dt: float, ybar: Reals, contacts: Surr
 
 @equation
 def push_among(mass: PassiveIntegrator, dt: float, drag: float, push: Reals, contacts: Surroundings | None) -> None:
-    """`PassiveIntegrator.push`, once A is factored."""
+    """Advance the mass on a law's coupling, once A is factored: `PassiveIntegrator.push`."""
     carry_on(mass, dt)
     for i in range(mass.n):
         mass.c[i] += push[i]
@@ -363,7 +363,7 @@ def push_among(mass: PassiveIntegrator, dt: float, drag: float, push: Reals, con
 
 
 def respond(mass: PassiveIntegrator, dt: float, contacts: Surroundings | None) -> None:
-    """As the method; compiled code replaces it by a version for walls, or for solids (kernel/kinds.py)."""
+    """Solve a step with the contacts: `PassiveIntegrator.respond`; compiled versions are in ext/compiled/kinds.py."""
     mass.respond(dt, contacts)
 
 

@@ -285,7 +285,7 @@ def _search(coupling: LimitedCoupling) -> None:
 
 
 def _beyond(coupling: LimitedCoupling, share: float) -> float:
-    """By how much the force exceeds its limit with lambda = `share` [N]; the substep is computed with it."""
+    """The excess of the force over its limit with lambda = `share` [N]; computes the substep with this lambda."""
     coupling.limit_damper(share)
     _damp(coupling)
     return length(coupling.n, coupling.force) - coupling.force_limit

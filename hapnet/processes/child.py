@@ -25,7 +25,7 @@ WaitForStart = Callable[[], None]
 """The function that a child calls when it is ready; it returns when all children begin."""
 
 READY_S = 60.0
-"""How long a child may take until it is ready [s]."""
+"""The longest time for a child to become ready [s]."""
 
 _COMPUTE = """
 import os, sys, threading

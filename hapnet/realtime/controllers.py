@@ -23,7 +23,7 @@ from hapnet.summary.run import SidePart, device_summary, robot_summary, world_su
 from hapnet.wire.session import Session
 
 UNPAIRED_STEP_NS = 1_000_000
-"""How long a world without a peer waits before it checks again."""
+"""A world without a peer waits for this time before it checks again [ns]."""
 
 
 @dataclass(frozen=True)

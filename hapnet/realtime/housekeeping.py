@@ -23,7 +23,7 @@ from hapnet.wire.messages import Role
 from netem import Timeline
 
 REFUSE_S = 0.4
-"""How long a device keeps refusing a world that does not fit before it ends [s]: some refusals get lost.
+"""For this time a device keeps refusing a world that does not fit, and then ends [s]: some refusals get lost.
 
 A world keeps waiting for a device that fits: otherwise any stranger could end it.
 """

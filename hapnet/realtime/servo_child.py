@@ -34,7 +34,7 @@ from hapnet.summary.run import device_summary
 from hapnet.wire.session import PositionStream
 
 FINAL_SEND_S = 2.0
-"""How long the last frames may wait for a parent that does not read [s]."""
+"""The longest time for which the last frames wait for a parent that does not read [s]."""
 
 _COLLECT_EVERY_S = 1.0
 _MOST_SAMPLES = 20  # a frame

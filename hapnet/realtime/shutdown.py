@@ -17,10 +17,10 @@ from hapnet.wire.messages import Role
 from hapnet.wire.session import Session
 
 LINGER_S = 2.0
-"""How long a side waits, after control has stopped, for the energy in flight to be acknowledged [s]."""
+"""After control has stopped, a side waits at most this time until the energy in flight is acknowledged [s]."""
 
 FAILED_LINGER_S = 0.5
-"""The same for a side that has failed [s]: its account may still be reported."""
+"""The shorter wait of a side that has failed [s]: its account may still be reported."""
 
 QUIET_S = 0.3
 """A side leaves when nothing was credited for this time [s]: the other side, which ends a little later, has then sent

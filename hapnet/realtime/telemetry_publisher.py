@@ -15,7 +15,7 @@ from netem import LinkStats
 
 STATUS_EVERY_S = 0.5
 DRAWING_EVERY_S = 2.0
-"""How often the world's drawing is published again, for new viewers [s]."""
+"""The period with which the world's drawing is published again, for new viewers [s]."""
 
 _MOST_EVENTS = 100
 

@@ -1,6 +1,6 @@
 """Foxglove's own schemas, as protobuf: events as lines of a log, handle and proxy as frames, set-positions as poses.
 
-Viewers know these schemas, so they show the lines, and draw the rest in 3D, without configuration. Names, numbers and
+Viewers support these schemas, so they show the lines and draw the rest in 3D without configuration. Names, numbers and
 types of the fields are those that Foxglove publishes. All poses are in the frame `FRAME`, in metres; missing axes are
 0. Frames and poses of a tool that turns have its orientation. The shapes of the world and of an arm are an update of a
 scene, each part in the frame that it moves with. More than three axes are not a place in space, so they are

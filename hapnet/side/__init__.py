@@ -1,1 +1,1 @@
-"""One side of the coupling, complete and without I/O: what both runtimes drive."""
+"""One complete side of the coupling, without I/O; both runtimes drive it."""

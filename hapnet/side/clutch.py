@@ -1,9 +1,9 @@
-"""Re-indexing: while the clutch is open the device moves alone, and what follows it stands still.
+"""Re-indexing: while the clutch is open the device moves alone, and its follower stands still.
 
-The coupling has the device's position in a frame of its own. While the clutch is open there is no force, and the frame
-goes with the device: so for the coupling it rests. Nothing need be sent, and the accounts count the work of the force
-that is really held: until there is none, the motion counts. When the clutch closes there is no jump, however far the
-hand went.
+The coupling uses the device's position in a frame of its own. While the clutch is open there is no force, and the frame
+moves with the device: for the coupling the device rests. Nothing need be sent. The accounts count the work of the force
+that is really held: the motion counts until that force is zero. When the clutch closes there is no jump, however far
+the hand moved.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ ALLOWED = "spans of time as in 2-3, 5-6.5 [s], a button's number as in button 1,
 ENABLED = "auto, hold, or spans of time in which the device is held as in 0-2, 3-6.5 [s]"
 
 IsOpen = Callable[[float], bool]
-"""Is it open, so many seconds after control began?"""
+"""Returns whether the clutch is open at a time after control began [s]."""
 
 
 class Clutch:
-    """Between a device's own axes and the coupling's.
+    """Converts between a device's own axes and the coupling's, and moves them while the clutch is open.
 
-    frame : where they are. is_open : see `IsOpen`. meets : whether the device begins where the other side is first.
+    frame : relates the two. is_open : see `IsOpen`. meets : whether the device begins at the other side's position.
 
     Attributes
     ----------
-    open : whether the device moves alone. disengaged : whether it does so by `is_open`.
+    open : whether the device moves alone. disengaged : whether `is_open` is the reason.
     """
 
     def __init__(self, frame: Frame, is_open: IsOpen = lambda t: False, *, meets: bool = False) -> None:
@@ -40,12 +40,12 @@ class Clutch:
         self._rest: Vector = ()  # while it is open
 
     def move(self, t: float, own: Vector, v: Vector, force: Vector, *, lets_go: bool = False) -> tuple[Vector, Vector]:
-        """The device has come to `own` [m] with velocity v [m/s], `t` seconds after control began. Returns both as the
-        coupling has them.
+        """Take the device's position `own` [m] and velocity v [m/s], `t` seconds after control began; returns both in
+        the coupling's axes.
 
-        lets_go : open the clutch for another reason than its own.
-        force : that was held until now [N]. As long as there is one, after the clutch has opened too, its motion
-            counts: an actuator may be slow, or may not have got the command.
+        lets_go : open the clutch for another reason than `is_open`.
+        force : the force held until now [N]. While it is not zero, the motion counts even after the clutch has
+            opened: an actuator may be slow, or may not have received the command.
         """
         place = self.place(own, force)
         if self.open and not any(force):
@@ -56,14 +56,14 @@ class Clutch:
         return place, (0.0,) * len(v) if self.open else self.frame.velocity(v)
 
     def place(self, own: Vector, force: Vector) -> Vector:
-        """Where the coupling has the device that is at `own` [m], with that force [N] on it since the last tick."""
+        """The coupling's position of a device at `own` [m], with this force [N] on it since the last tick."""
         return self._rest if self.open and not any(force) else self.frame.coupled(own)
 
 
 def spans(name: str, text: str, allowed: str) -> list[tuple[float, float]]:
     """The spans of time in a text such as ``2-3, 5-6.5`` [s].
 
-    Raises InvalidParameter: with the parameter's `name`, and what it is `allowed` to be.
+    Raises InvalidParameter: the text is not valid; the error has the parameter's `name` and what is `allowed`.
     """
     found = []
     for part in text.split(","):

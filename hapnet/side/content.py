@@ -1,4 +1,4 @@
-"""The content of a message of the peer's stream, as control takes it: in SI units."""
+"""Converts the content of the peer's stream messages to SI units for control, and back."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ NANO = 1e-9
 
 @equation
 def energy_nJ(energy: float) -> int:
-    """A port's energy as a message has it: never too much."""
+    """A port's energy [J] in nJ for a message, rounded down."""
     return max(0, math.floor(energy / NANO))
 
 
 @equation
 def span_ns(span: float) -> int:
-    """A wave's span [s] as a message has it."""
+    """A wave's span [s] in ns for a message."""
     return max(1, round(span / NANO))
 
 
 @equation
 def moment_ns(aimed_s: float) -> int:
-    """The time for which a proxy stands [s] as a message has it."""
+    """The time for which a proxy is valid [s] in ns for a message."""
     return max(0, round(aimed_s / NANO))
 
 
@@ -50,17 +50,17 @@ def sample_of(message: messages.Motion | messages.Port | messages.Wave | message
 
 
 def with_arms(arms: Arms, sample: CouplingSample) -> CouplingSample:
-    """A pose that is sent or was received, with arms of another length."""
+    """A sample of a pose, converted to arms of another length."""
     match sample:
         case ProxySample(position, _, force, planes, reach_m, _):
             turned = None if planes is None else tuple([arms.plane(one) for one in planes])
-            least_m = None if reach_m is None else reach_m * min(1.0, arms.times)  # along whatever normal
+            least_m = None if reach_m is None else reach_m * min(1.0, arms.times)  # for any normal
             return sample._replace(
                 position=arms.place(position), force=arms.force(force), planes=turned, reach_m=least_m
             )
         case PositionSample(position, level):
             return PositionSample(arms.place(position), level)
         case MotionSample() | PortSample() | WaveSample():
-            raise TypeError("of these no law holds a force on a robot")
+            raise TypeError("no law that holds a force on a robot sends motions, ports or waves")
         case _:
             return arms.place(sample)

@@ -17,7 +17,7 @@ from hapnet.side.endpoint import NANO, DeviceControl
 class ContinuousDeviceSide(DeviceSide):
     """A simulated device whose coupling acts continuously, as in the paper; its account is at the human's port.
 
-    make_servo : called with a position [m], a kinetic energy [J], and whether the reservoir is empty; makes the law.
+    make_servo : makes the law from a position [m], a kinetic energy [J], and whether the reservoir is empty.
     """
 
     device: SimulatedDevice
@@ -34,7 +34,7 @@ class ContinuousDeviceSide(DeviceSide):
         super().__init__(endpoint, device, drive)
         self._make_servo = make_servo
         self._skippable_dt = max(drive.period_ns * NANO, device.period)
-        self._ahead: TickResult | None = None  # of the next tick, up to which the device was advanced already
+        self._ahead: TickResult | None = None  # of the next tick: the device was already advanced to it
         self._work = self._dt = 0.0  # put in by the hand since the last tick [J], and the time since then [s]
 
     def _start(self, x: Vector) -> None:

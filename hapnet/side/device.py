@@ -1,6 +1,6 @@
-"""The device's side of a run, complete: endpoint, device and recording; either runtime drives it.
+"""The complete device's side of a run: endpoint, device and recording; either runtime drives it.
 
-Here is the part that all servos share. The sampled servo is in sampled_device.py, the continuous one in
+This module has the part that all servos share. The sampled servo is in sampled_device.py, the continuous servo in
 continuous_device.py.
 """
 
@@ -28,7 +28,7 @@ Write = Callable[[Sample], None]
 Clock = Callable[[], int]
 
 Observe = Callable[[float, float], None]
-"""Takes the energy put in so far [J] at the port of the side's account, and that by the simulated hand."""
+"""Takes the energies put in so far [J]: at the port of the side's account, and by the simulated hand."""
 
 _UNKNOWN = (None, None, None, None)
 
@@ -39,10 +39,10 @@ class Drive:
 
     period_ns : of the servo. record_every : ticks between two samples given to `write`.
     watchdog_ns : a tick that is late by more than this renders no force and releases the spring (ybar = x). So do the
-        ticks after it, until one is in time. From there the coupling starts again, as fast as the limit of the
-        force's step allows, and as far as the account covers another absence (control/reserve.py). None: no watchdog.
+        ticks after it, until a tick is in time. Then the coupling starts again, as fast as the limit of the force's
+        step allows, and as far as the account covers another stall (control/reserve.py). None: no watchdog.
     clock : read once more after the device was read, so that no interval is taken too short (10).
-    write_motion : takes the device's samples in place of `write`, with the motion alone.
+    write_motion : receives the device's samples in place of `write`, with the motion alone.
     """
 
     period_ns: int
@@ -54,9 +54,9 @@ class Drive:
 
 
 class Stop(NamedTuple):
-    """When the force was stopped for good [ns], and why.
+    """The time at which the force was stopped for good [ns], and the reason.
 
-    asked : somebody wanted it; else a reading was impossible.
+    asked : the stop was requested; False: a fault caused it.
     """
 
     at_ns: int
@@ -75,26 +75,26 @@ class DeviceSide(ABC):
         self.device = device
         self.drive = drive
         self.origin_ns: int | None = None
-        """When control started, on this side's clock."""
+        """The start of control, on this side's clock; None before."""
         self.ledger: Ledger | None = None
-        """This side's energy account, once control has started."""
+        """This side's energy account; None before control starts."""
         self.ticks: int = 0
         self.punctuality: Punctuality = Punctuality(drive.period_ns, drive.watchdog_ns)
         """Counts the late ticks, in each of which the watchdog releases the spring, and the time without force."""
         self.stopped: Stop | None = None
-        """The force was stopped for good; None: it was not."""
+        """The stop of the force for good; None: the force was not stopped."""
         self.withheld: str = ""
-        """Why no force is rendered for now; empty: it is."""
+        """The reason why no force is rendered for now; empty: force is rendered."""
         self.withheld_ns: int = 0
-        """How long that was so in all [ns]."""
+        """The total time for which the force was withheld [ns]."""
         self.paused = False
-        """A simulated device and its hand stand still and nothing is recorded; all else continues."""
+        """True: a simulated device and its hand stand still and nothing is recorded; all else continues."""
         self.applied = True
-        """Has the device always reported the force that it really applied?"""
+        """Whether the device has always reported the force that it really applied."""
         self.let_go = ""
-        """Why the device leads nothing for now, as its program says; empty: it does."""
+        """The program's reason why the device leads nothing for now; empty: there is none."""
         self.live_hand: LiveHand | None = None
-        """The simulated hand, if somebody leads it during the run."""
+        """The simulated hand, if a user moves it during the run."""
         self._late = self._releases_spring = False
         self._excused = False  # the next tick is late because the device was silent
         self._write = drive.write
@@ -107,7 +107,7 @@ class DeviceSide(ABC):
 
     @property
     def overruns(self) -> int:
-        """How many ticks were so late that the watchdog released the spring."""
+        """The number of ticks so late that the watchdog released the spring."""
         return self.punctuality.late
 
     @property
@@ -117,10 +117,10 @@ class DeviceSide(ABC):
 
     @property
     def true_slack(self) -> float | None:
-        """Smallest slack with the true positions [J], where a simulation knows them.
+        """Smallest slack with the true positions [J], in a simulation; None elsewhere.
 
-        It is the slack at the actuator's port. With the range harvest it is at the hand's port, since that harvest
-        counts on the device's own damping.
+        The slack is that of the actuator's port. With the range harvest it is that of the hand's port, since this
+        harvest relies on the device's own damping.
         """
         return None
 
@@ -131,7 +131,7 @@ class DeviceSide(ABC):
 
     @property
     def quantisation(self) -> float | None:
-        """By how much encoder quantisation may make the slack look too large, at most [J]."""
+        """The largest error by which encoder quantisation may make the slack look too large [J]."""
         return None
 
     @property
@@ -149,11 +149,11 @@ class DeviceSide(ABC):
 
     @property
     def _renders_none(self) -> bool:
-        """Whether it renders no force any more."""
+        """Whether the force was stopped for good."""
         return self.stopped is not None
 
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
-        """Render no force any more, for good; the rest goes on. `asked` : somebody wants it, and nothing is wrong."""
+        """Stop the force for good; the rest continues. `asked` : the stop was requested, and nothing is wrong."""
         if self.stopped is None:
             self.stopped = Stop(now_ns, why, asked)
             self._write(
@@ -161,14 +161,14 @@ class DeviceSide(ABC):
             )
 
     def withhold(self, now_ns: int, why: str) -> None:
-        """Render no force while `why` is not empty, which is said when that begins and ends. Then it grows anew."""
+        """Render no force while `why` is not empty; begin and end are recorded as events. Then the force grows anew."""
         if self.endpoint.paired and bool(why) != bool(self.withheld):
             text = f"no force: {why}" if why else "the process that holds the network is back: the force grows"
             self._write(Event(now_ns, "parent", text, "warning" if why else "info"))
         self.withheld = why
 
     def tick(self, now_ns: int) -> bytes | None:
-        """Make one servo tick; returns the message to send, if there is one. Before pairing there is no force."""
+        """Make one servo tick; returns the message to send, if any. Before pairing there is no force."""
         for name, value in self.endpoint.signals():
             self._on_signal(now_ns, name, value)
         if self.origin_ns is None:
@@ -193,25 +193,25 @@ class DeviceSide(ABC):
 
     @property
     def skippable_ticks(self) -> int:
-        """How many of the next ticks `rest` may make later, as long as nothing arrives; in virtual time only."""
+        """The number of next ticks that `rest` may make later if nothing arrives; in virtual time only."""
         return 0
 
     def rest(self, now_ns: int, ticks: int, observe: Observe, *, then_tick: bool) -> None:
         """Make this many of the `skippable_ticks`, the first at `now_ns`.
 
-        observe : called after these ticks with the smallest, then with the last energies put in.
-        then_tick : the next call is the `tick` that follows them.
+        observe : called after these ticks with the smallest energies put in, then with the last.
+        then_tick : the next call is the `tick` after them.
         """
         assert ticks == 0, "no tick of this servo may wait"
 
     def resume(self, now_ns: int, ticks: int) -> None:
-        """Go on after so many ticks that were made elsewhere, each in time, the last at `now_ns`."""
+        """Continue after `ticks` ticks that were made elsewhere, each in time, the last at `now_ns`."""
         self.last_ns = self._expected_ns = now_ns
         self.ticks += ticks
         self.punctuality.made(ticks)
 
     def place(self, position: Vector) -> None:
-        """Begin at `position` [m], with a live hand around it; before control starts."""
+        """Begin at `position` [m], with the live hand there too. Call it before control starts."""
         assert self.live_hand is not None, "only a live hand can be placed"
         assert isinstance(self.device, SimulatedDevice), "only a simulated device can be placed"
         assert self.origin_ns is None, "control has started"
@@ -227,13 +227,13 @@ class DeviceSide(ABC):
         return self.device.read()
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
-        """A value beside the stream has come, from the world or from this side's own program."""
+        """Take a signal from the world or from this side's own program."""
         if name == STOP and isinstance(value, str):
             self.stop_force(now_ns, value, asked=True)
 
     @property
     def _can_start(self) -> bool:
-        """Whether all is there that it needs to start, once it is paired."""
+        """Whether control can start once this side is paired."""
         return True
 
     @abstractmethod
@@ -241,7 +241,7 @@ class DeviceSide(ABC):
 
     @abstractmethod
     def measure(self, now_ns: int) -> None:
-        """Move a simulated device up to now under the force that it holds, read the device, and count the work."""
+        """Advance a simulated device to now under its held force, read the device, and count the work."""
 
     @abstractmethod
     def act(self, now_ns: int) -> bytes | None:
@@ -259,9 +259,9 @@ class DeviceSide(ABC):
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None: ...
 
     def _periods(self, now_ns: int) -> int:
-        """How many periods to advance a simulated device, so that it keeps up with the clock: 1 if all is well.
+        """The number of periods to advance a simulated device, so that it keeps up with the clock: normally 1.
 
-        More if the servo was late; none in the tick after one that was called late, or while it is paused.
+        It is higher if the servo was late, and 0 in the tick after a tick that was called late, or during a pause.
         """
         if self.paused:
             self._expected_ns = now_ns
@@ -276,7 +276,7 @@ class DeviceSide(ABC):
     def _record(
         self, now_ns: int, x: Vector, v: Vector, force: Vector, hand: Vector | None, target: Vector | None
     ) -> None:
-        """Write a sample of the device at x [m] and v [m/s], with the forces on it [N] and where its hand aims [m]."""
+        """Record the device at x [m] with velocity v [m/s], the forces on it [N] and the target of its hand [m]."""
         if self.drive.write_motion is not None:
             self.drive.write_motion(MetricSample(now_ns, x, force, target))
             return
@@ -306,7 +306,7 @@ def control(side: Any, endpoint: Any, hand: Any, now_ns: int) -> Any:
     """Make a tick of a device under control; returns the message to send, if there is one.
 
     side, endpoint : a `DeviceSide` and its endpoint, or their records in compiled code. hand : the path of a simulated
-    hand, in compiled code only. The functions below are the parts that each has in its own way.
+    hand, in compiled code only. The functions below are the parts that differ between the two.
     """
     measure(side, hand, now_ns)
     take(side, endpoint, now_ns)
@@ -318,12 +318,12 @@ def control(side: Any, endpoint: Any, hand: Any, now_ns: int) -> Any:
 
 
 def measure(side: Any, hand: Any, now_ns: int) -> None:
-    """Move a simulated device up to now under the force that it holds, read the device, and count the work."""
+    """Advance a simulated device to now under its held force, read the device, and count the work."""
     side.measure(now_ns)
 
 
 def take(side: Any, endpoint: Any, now_ns: int) -> None:
-    """Give the coupling the samples and credits that have arrived since the last tick."""
+    """Pass the samples and credits that arrived since the last tick to the coupling."""
     if endpoint.waiting or endpoint.credits:
         endpoint.take(now_ns)
 

@@ -1,8 +1,8 @@
-"""How long the calls of a driver take: one that blocks, or cannot keep the servo's rate, is named.
+"""Measures the durations of a driver's calls, and reports calls that block or cannot keep the servo's rate.
 
 On a busy machine any call may take long, because the thread waits for a processor or for its turn in the interpreter.
-So the time on a processor and in the queue for one does not count, and stalls in the driver's calls are compared with
-those between them. No clock: times are arguments.
+So the time on a processor and in the queue for a processor does not count, and stalls in the driver's calls are
+compared with the stalls between them. There is no clock: times are arguments.
 
 `Clocks` compares the device's clock with ours: the intervals that it reports must add up to the time that has passed.
 """
@@ -15,16 +15,16 @@ from statistics import median
 from hapnet.recording.samples import Event
 
 LONG_NS = 1_000_000_000
-"""A call that took so long is named, however busy the machine is."""
+"""A call that took longer than this is reported, however busy the machine is [ns]."""
 
 OFTEN, SHARE = 5, 3
-"""Shorter stalls are named when there are so many, and so many times as many as there are outside of the calls."""
+"""Shorter stalls are reported when there are OFTEN or more, and SHARE times as many as between the calls."""
 
 WINDOW = 500
-"""So many readings show how long one takes, as a median."""
+"""The number of readings over which the median duration is taken."""
 
 SLOW = 1.3
-"""A reading may take so many periods."""
+"""The longest median duration of a reading that keeps the rate, in periods."""
 
 
 class DriverTimes:
@@ -34,8 +34,8 @@ class DriverTimes:
 
     Attributes
     ----------
-    blocked_ns : the longest stall; blocked : how many were named as such, and what they were, empty: none was.
-    rate_hz : the readings that it made in a second while it was too slow; None: it was not.
+    blocked_ns : the longest stall; blocked : the text of the last report about stalls; empty: there was none.
+    rate_hz : the readings in a second while the driver was too slow; None: it was not.
     """
 
     def __init__(self, name: str, period_ns: int, limit_ns: int, *, paced: bool) -> None:
@@ -50,16 +50,16 @@ class DriverTimes:
         self._slow = False
 
     def between(self, now_ns: int) -> None:
-        """The calls of a tick begin."""
+        """Note that the calls of a tick begin."""
         if self._ended_ns is not None and now_ns - self._ended_ns > self._limit_ns + self._period_ns:
             self._outside += 1
 
     def called(
         self, call: str, begun_ns: int, ended_ns: int, waited: Callable[[], int], before_ns: int
     ) -> Event | None:
-        """A call has ended; returns what is to be reported.
+        """Count a call that has ended; returns the event to report, if any.
 
-        waited : how long the thread ran or waited for a processor so far [ns]; it was `before_ns` before the call.
+        waited : the time for which the thread ran or waited for a processor so far [ns]: `before_ns` before the call.
         """
         self._ended_ns = ended_ns
         took_ns = ended_ns - begun_ns
@@ -97,9 +97,9 @@ class DriverTimes:
 
 
 class RepeatedReadings:
-    """How many of a device's readings are new: one that is read more often than it measures repeats the last.
+    """Counts how many readings are new: a device that is read more often than it measures repeats the last reading.
 
-    A reading is repeated if it is the one before, although it says that the device moves.
+    A reading counts as repeated if it equals the previous reading although its velocity is not zero.
     """
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ class RepeatedReadings:
         self._before = reading
 
     def new_hz(self, asked_hz: float) -> float | None:
-        """The new readings in a second, of so many asked for; None: most are new, or it hardly moved."""
+        """New readings in a second, of `asked_hz` in all; None: most are new, or the device hardly moved."""
         if self._moving < WINDOW or 2 * self._repeated < self._moving:
             return None
         return asked_hz * (self._moving - self._repeated) / self._moving
@@ -126,20 +126,20 @@ def _time(ns: float) -> str:
 
 
 class Clocks:
-    """The same intervals by a device's clock and by ours, added up."""
+    """The sums of the same intervals by a device's clock and by ours."""
 
     LATE_S = 0.1
     RATE = 0.02
-    """Readings may wait for so long, and the clocks run at rates that differ by so much: resonators are within 1 %."""
+    """Readings may wait for `LATE_S` [s], and the clocks' rates may differ by `RATE`: resonators are within 1 %."""
 
     def __init__(self) -> None:
         self._reported_s = self._lived_s = 0.0
         self._reported_on_time_s = self._on_time_s = 0.0
 
     def apart(self, reported_s: float, lived_s: float, *, late: bool) -> str | None:
-        """Another interval [s]; returns by how much the clocks differ, in words, if that cannot be.
+        """Add an interval [s]; returns a text with the clocks' difference if it is impossible, else None.
 
-        late : the servo stalled. Of what the device reported meanwhile some may be lost, and the rest comes later.
+        late : the servo stalled. Some reports of the device from that time may be lost, and the rest comes later.
         """
         self._reported_s += reported_s
         self._lived_s += lived_s

@@ -1,9 +1,9 @@
 """One complete side of the coupling: control and wire together, without clock or I/O.
 
 An endpoint has two halves, each with one owner. The servo (or the world's loop) owns control, which ticks and never
-waits. The code that moves bytes owns wire, which receives, and says what to send. Only whole values go between them
-(`ControlInbox`): set-positions and credited energy to control, shuffled energy to wire. In virtual time one loop owns
-both halves; in real time two threads do, or two processes.
+waits. The code that moves bytes owns wire, which processes received bytes and returns the messages to send. Only whole
+values pass between them (`ControlInbox`): set-positions and credited energy to control, shuffled energy to wire. In
+virtual time one loop owns both halves; in real time two threads or two processes do.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ _MOST_SIGNALS = 256
 
 
 def backlog(expects: type[messages.Stream]) -> int:
-    """How many messages of a peer's stream may wait for the next tick: every wave counts, and a predictor uses every
-    position, that of a port too; of the other kinds only the newest counts."""
+    """The number of a peer's stream messages that may wait for the next tick. Every wave counts, and a predictor uses
+    every position, of ports too; of the other kinds only the newest message counts."""
     return BACKLOG if expects in (messages.Wave, messages.Position, messages.Port) else 1
 
 
 class ControlHalf:
-    """The half that the servo (or the world's loop) owns. Whole values come and go through deques.
+    """The control half, owned by the servo or the world's loop. Whole values pass through deques.
 
     positions : makes the position messages.
     backlog : how many messages of the peer's stream may wait.
@@ -61,31 +61,31 @@ class ControlHalf:
 
     def __init__(self, positions: PositionStream, backlog: int = 1) -> None:
         self.paired: bool = False
-        """A peer was found: control may start."""
+        """Whether a peer was paired: control may start."""
         self.restarted: bool = False
-        """The peer was paired before, with another side in this side's place. So this side starts with an empty
-        reservoir: each start with a full one would create energy, and a crash loop would pump it."""
+        """Whether the peer was paired before, with another side in this side's place. Then this side starts with an
+        empty reservoir: each start with a full reservoir would create energy, and a crash loop would pump it."""
         self.leads_robot: bool = False
-        """Does this side's device lead a robot at the other side?"""
+        """Whether this side's device leads a robot at the other side."""
         self.reindexing: Reindexing | None = None
-        """Where the leader of this side's robot is, if it meets the robot again after it was away."""
+        """Re-indexes this side's robot when its leader returns; None: the robot is not re-indexed."""
         self.deadband: Deadband | None = None
         """Decides which samples are worth sending; None: all are."""
         self.arms: Arms | None = None
-        """Of the link's poses, seen from control's; None: they are the same."""
+        """Converts control's poses to the arms of the link's poses; None: the arms are the same."""
         self._positions = positions
         self._pairs = 0
-        self._pair = 1  # the one that control knows; another peer has another clock and another position
+        self._pair = 1  # the pair in use; another peer has another clock and another position
         self._coupling: CouplingState | None = None
         self._still = False
-        self._echo = 0, 0  # stamp and arrival of the peer's message that came last
+        self._echo = 0, 0  # stamp and arrival of the peer's last message
         self.in_use: InUse = InUse()
-        # what has come for the next tick: each sample with when it was sent and came, how long it took, and the pair
+        # samples for the next tick, each with its times of sending and arrival, its duration, and its pair
         self.waiting: deque[tuple[CouplingSample, int, int, int, int]] = deque(maxlen=backlog)
         self.credits: deque[int] = deque()
         self._shuffled: deque[float] = deque()
         self._signals: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
-        self._reported: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
+        self._outgoing_signals: deque[tuple[str, Signal]] = deque(maxlen=_MOST_SIGNALS)
 
     @property
     def coupling(self) -> CouplingState:
@@ -123,11 +123,11 @@ class ControlHalf:
         self._signals.append((name, value))
 
     def reported(self) -> tuple[str, Signal] | None:
-        return self._reported.popleft() if self._reported else None
+        return self._outgoing_signals.popleft() if self._outgoing_signals else None
 
     @property
     def has_reported(self) -> bool:
-        return bool(self._reported)
+        return bool(self._outgoing_signals)
 
     def shuffled(self) -> float:
         return self._shuffled.popleft() if self._shuffled else 0.0
@@ -144,15 +144,15 @@ class ControlHalf:
         return self.waiting[-1][0] if self.waiting else None
 
     def report(self, name: str, value: Signal) -> None:
-        """Tell the peer this value beside the stream."""
-        self._reported.append((name, value))
+        """Send the peer this value beside the stream."""
+        self._outgoing_signals.append((name, value))
 
     def signals(self) -> list[tuple[str, Signal]]:
-        """Take the signals that have come."""
+        """Take the received signals."""
         return [self._signals.popleft() for _ in range(len(self._signals))] if self._signals else []
 
     def take(self, now_ns: int) -> CouplingState:
-        """Give the coupling what has arrived since the last tick, and a new peer its share of the reservoir.
+        """Pass the arrived samples and credits to the coupling, and a share of the reservoir to a new peer.
 
         Samples of an earlier peer are dropped.
         """
@@ -176,14 +176,14 @@ class ControlHalf:
         return coupling
 
     def stand_still(self) -> None:
-        """Hold the set-position from now on, whatever comes."""
+        """Hold the set-position from now on; ignore further samples."""
         self._still = True
         if self._coupling is not None:
             rest(self._coupling)
 
     def lead(self, leads: bool) -> None:
-        """The leader of this side's robot says whether it leads: wherever it is when it leads again is where the robot
-        is, if that re-indexes."""
+        """Set whether the leader of this side's robot leads. If the robot re-indexes, the leader's position when it
+        leads again corresponds to the robot's."""
         if self.reindexing is not None:
             self.reindexing.leads = leads
             if leads:
@@ -192,7 +192,7 @@ class ControlHalf:
                 rest(self._coupling)
 
     def used(self, now_ns: int) -> tuple[float, float]:
-        """Age and transit of the newest sample that the coupling has been given, as in a `DeviceSample` [s]."""
+        """Age and transit of the newest sample that the coupling uses, as in a `DeviceSample` [s]."""
         return age_s(self.in_use, now_ns), transit_s(self.in_use)
 
     def _change_peer(self, coupling: CouplingState, pair: int) -> None:
@@ -204,9 +204,9 @@ class ControlHalf:
             self._shuffled.append(energy)
 
     def _send(self, now_ns: int, update: Update) -> bytes | None:
-        """Hand on the energy that an update shuffles; returns the message with its sample.
+        """Queue the energy that an update shuffles; returns the message with the update's sample.
 
-        None if there is none, or the deadband holds it back. Energy is never held back.
+        None: there is no sample, or the deadband holds it back. Energy is never held back.
         """
         sample, shuffled = update
         if shuffled > 0.0:
@@ -239,21 +239,21 @@ class ControlHalf:
 
 
 class WireHalf:
-    """The wire half. The code that moves bytes owns it.
+    """The wire half, owned by the code that moves bytes.
 
     session : this side's protocol state.
-    control : takes what arrives.
+    control : receives samples, credits and signals.
     """
 
     def __init__(self, session: Session, control: ControlInbox) -> None:
         self.session = session
         self.planes: tuple[Plane, ...] | None = None
-        """The planes in the peer's newest message; None: it has none."""
+        """The planes in the peer's newest message; None: the message has no planes."""
         self._control = control
         self._echoed: tuple[int, int] | None = None
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
-        """Process bytes from the network; never raises, whatever they are."""
+        """Process bytes from the network; never raises, whatever the bytes are."""
         events = self.session.receive(now_ns, data)
         self._hand_over(events, now_ns)
         if (arrival := self.session.path.arrival) is not None and arrival != self._echoed:
@@ -262,14 +262,14 @@ class WireHalf:
         return events
 
     def poll(self, now_ns: int) -> tuple[list[Outgoing], tuple[Event, ...]]:
-        """The messages to send now, and the events that time alone has caused."""
+        """The messages to send now, and the events that the passing of time has caused."""
         self.collect()
         outgoing, events = self.session.poll(now_ns)
         self._hand_over(events, now_ns)
         return outgoing, events
 
     def stop_force(self, why: str) -> None:
-        """Let the device render no force any more, whichever side this is."""
+        """Stop the device's force for good, from either side."""
         self._control.on_signal(STOP, why)
         self.session.report(STOP, why)
 
@@ -279,9 +279,9 @@ class WireHalf:
         return self._control.has_shuffled or self._control.has_reported
 
     def collect(self) -> None:
-        """Give control's surplus energy to the session, which sends it when it is due; `poll` does the same.
+        """Pass control's surplus energy and signals to the session, which sends them when due; `poll` does this too.
 
-        After a tick this saves a poll: energy is sent at most a hundred times a second, but there are a thousand ticks.
+        After a tick this saves a poll: energy is sent at most 100 times a second, but there are 1000 ticks a second.
         """
         while surplus := self._control.shuffled():
             self.session.shuffle(surplus)
@@ -290,7 +290,7 @@ class WireHalf:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to call `poll` next, if nothing else happens; energy that waits to be sent is due at once."""
+        """The time of the next `poll` if nothing else happens; energy that waits to be sent is due at once."""
         return 0 if self.uncollected else self.session.next_due_ns
 
     def _hand_over(self, events: tuple[Event, ...], now_ns: int) -> None:
@@ -318,20 +318,20 @@ class DeviceControl(ControlHalf):
     """The device's control half: its servo."""
 
     def start(self, servo: DeviceCoupling) -> None:
-        """Begin to hold forces: `servo` is at rest at the device's position (ybar = x)."""
+        """Start a servo that holds forces; `servo` is at rest at the device's position (ybar = x)."""
         self._held = servo
         self._coupling = servo.coupling
 
     def start_continuous(self, servo: ContinuousServo) -> None:
-        """Begin to render within the tick: `servo` is at rest at the device's position (ybar = x)."""
+        """Start a servo that renders within the tick; `servo` is at rest at the device's position (ybar = x)."""
         self._continuous = servo
         self._coupling = servo.coupling
 
     def tick_sampled(self, now_ns: int, dt: float, x: Vector, v: Vector, *, release: bool = False) -> bytes | None:
         """Tick a servo that holds its torque: the servo's `force` is then the force to apply.
 
-        `take` comes before, if anything has arrived. `release`: release the spring, no force in this tick. Returns the
-        position message to send, if there is one.
+        Call `take` before, if anything has arrived. `release`: release the spring, with no force in this tick. Returns
+        the position message to send, if there is one.
         """
         if self.reindexing is not None:
             self.reindexing.watch(self.coupling, now_ns)
@@ -354,9 +354,9 @@ class DeviceControl(ControlHalf):
         *,
         release: bool = False,
     ) -> bytes | None:
-        """Tick a device that renders the coupling itself: `coupling.set_position` is then where its spring is tied.
+        """Tick a device that renders the coupling itself: `coupling.set_position` is then its spring's anchor.
 
-        `take` comes before, if anything has arrived. The other arguments are those of `ContinuousServo.tick`. Returns
+        Call `take` before, if anything has arrived. The other arguments are those of `ContinuousServo.tick`. Returns
         the position message to send, if there is one.
         """
         update = self._continuous.tick(dt, x, passage, work, kinetic, release=release)
@@ -367,7 +367,7 @@ class WorldControl(ControlHalf):
     """The virtual world's control half: its law runs at the onset of every integration step."""
 
     def start(self, coupling: WorldCoupling) -> None:
-        """Begin to step: the coupling is at rest at the virtual mass's position."""
+        """Start to step; the coupling is at rest at the virtual mass's position."""
         self._counted = coupling.counted if isinstance(coupling, SetPositionSteps) else partial(counted, coupling)
         self._coupling = coupling.coupling
 
@@ -386,7 +386,7 @@ class WorldControl(ControlHalf):
         return self.answer(now_ns, dt, x, kinetic, work, dissipated)
 
     def answer(self, now_ns: int, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> bytes | None:
-        """`step` without `take`, which came before."""
+        """Run the law as `step` does, but without `take`, which was called before."""
         if self.reindexing is not None:
             self.reindexing.watch(self.coupling, now_ns)
         return self._send(now_ns, self._counted(dt, x, kinetic, work, dissipated))

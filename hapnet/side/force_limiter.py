@@ -1,7 +1,7 @@
-"""The limit on a real device's force: none while its dead-man switch is released, then a growing part of the force.
+"""The limit on a real device's force: no force while its dead-man switch is released, then a growing share of it.
 
-The limiter acts after the servo's law and before the device. The energy account counts the force that it lets
-through, so passivity does not depend on it. No clock: the time is an argument.
+The limiter acts between the servo's law and the device. The energy account counts the limited force, so passivity
+does not depend on the limiter. It has no clock: the time is an argument.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ class ForceLimiter:
 
     ramp_s : the force grows from zero over this time after `restart`, and after the dead-man switch was pressed [s].
     dead_man : number of the button that must be held; None: there is no such switch.
-    peak : maximum force of the actuators [N]. continuous : the maximum that they can give for ever [N]; None: `peak`.
-    thermal_s : time constant with which they heat up [s].
-    rendered : so many of the force's components have an actuator, the first ones; None: all.
+    peak : maximum force of the actuators [N]. continuous : their maximum force without a time limit [N]; None: `peak`.
+    thermal_s : time constant of the actuators' heating [s].
+    rendered : the number of the force's components, the first ones, that have an actuator; None: all.
 
-    The heat is the mean of the squared force over `thermal_s` (a first-order lag). Where it is above 0.8 of what the
-    continuous force makes, the limit falls from `peak` to reach `continuous` at 1.
+    The heat is the mean of the squared force over `thermal_s` (a first-order lag). Between 0.8 and 1 times the heat of
+    the continuous force, the limit falls from `peak` to `continuous`.
     """
 
     def __init__(
@@ -41,9 +41,9 @@ class ForceLimiter:
         self._heat = 0.0
         self._share = 0.0 if ramp_s else 1.0
         self.released: bool = dead_man is not None
-        """Is there a dead-man switch that is not pressed?"""
+        """Whether there is a dead-man switch that is not pressed."""
         self.limited_s: float = 0.0
-        """How long the force was reduced because the actuators were hot [s]."""
+        """The total time for which the force was reduced because the actuators were hot [s]."""
 
     @property
     def has_switch(self) -> bool:
@@ -51,7 +51,7 @@ class ForceLimiter:
         return self._dead_man is not None
 
     def restart(self) -> None:
-        """Let the force grow from zero again."""
+        """Start the force from zero again; it then grows."""
         self._share = 0.0 if self._ramp_s else 1.0
 
     def is_held(self, buttons: Sequence[bool]) -> bool:

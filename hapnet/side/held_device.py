@@ -1,4 +1,4 @@
-"""A simulated device under a force that is held from tick to tick, and the accounts of what the force really does."""
+"""A simulated device under a force that is held from tick to tick, and the accounts of its true work."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from hapnet.records.vectors import copy
 
 
 class HeldDevice(Record):
-    """Such a device with its servo, which is of any law.
+    """A simulated device under held forces, with a servo of any law.
 
     Attributes
     ----------
-    true_ledger : with the true positions: at the actuator's port, or, if the servo harvests by (10) (`ranged`), at the
-        hand's. true_work : the harvest at the first. hand : the account at the hand's port.
-    before : where a tick began [m]. hand_work, work : put in at the two ports in this tick [J].
+    true_ledger : the account with the true positions, at the actuator's port; at the hand's port if the servo harvests
+        by (10) (`ranged`). true_work : the harvest at the actuator's port. hand : the account at the hand's port.
+    before : the position at the tick's begin [m]. hand_work, work : the energy put in at the hand's and the actuator's
+        port in this tick [J].
     """
 
     plant: SimulatedDevice
@@ -46,7 +47,7 @@ class HeldDevice(Record):
 
 @equation
 def live(side: HeldDevice, hand: Hand | None, periods: int) -> None:
-    """The device goes on for so many periods."""
+    """Advance the device by this number of periods."""
     copy(side.plant.dof, side.plant.state.position, side.before)
     side.hand_work = 0.0
     for _ in range(periods):
@@ -57,13 +58,13 @@ def live(side: HeldDevice, hand: Hand | None, periods: int) -> None:
 
 @equation
 def count(side: HeldDevice, dt: float) -> None:
-    """Count the work of the force, which was held for `dt` seconds."""
+    """Count the work of the force that was held for `dt` seconds."""
     side.work = hold(side.true_work, side.servo.held, side.before, side.plant.state.position, dt)
 
 
 @equation
 def apply(side: HeldDevice) -> None:
-    """From now on the device holds the servo's force, as far as it can."""
+    """Let the device hold the servo's force from now on, as far as its actuators can."""
     devices.apply(side.plant, side.servo.held)
     copy(side.plant.dof, side.plant.state.torque, side.servo.held)
     observe(side)
@@ -80,7 +81,7 @@ def observe(side: HeldDevice) -> None:
 
 @equation
 def _stored(side: HeldDevice) -> float:
-    """The energy that is stored before the account's port [J]."""
+    """The energy that is stored on the coupling's side of the account's port [J]."""
     if side.ranged:
         return potential(side) + devices.kinetic_at(side.plant, side.plant.state.velocity)
     return potential(side)
@@ -92,7 +93,7 @@ def _compiled_potential(side: HeldDevice) -> float:
 
 @compiled_as(_compiled_potential)
 def potential(side: HeldDevice) -> float:
-    """Of the servo's spring [J]; Python asks the servo, whatever it is."""
+    """The potential energy of the servo's spring [J]; in plain Python for any servo."""
     return side.coupling.potential(side.plant.position)
 
 
@@ -102,5 +103,5 @@ def _compiled_account(side: HeldDevice) -> float:
 
 @compiled_as(_compiled_account)
 def account(side: HeldDevice) -> float:
-    """The servo's [J]; Python asks the servo, whatever it is."""
+    """The servo's account [J]; in plain Python for any servo."""
     return side.servo.account

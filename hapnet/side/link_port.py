@@ -1,9 +1,9 @@
 """One side's port to its emulated link, without clock or I/O; both runtimes use it.
 
-A runtime hands in the messages of control (`send`) and of the network (`receive`), and puts the packets that come out
-on the wire, in their order. Real time calls `pump` when `next_due_ns` says so. The simulation calls the two parts of
-`pump`, `release` and `send_due`, each when it is due: of what is due at the same nanosecond, the packets that one
-side's link releases reach the other side before either side's protocol runs (see `hapnet.simulation.events`).
+A runtime passes in the messages of control (`send`) and of the network (`receive`), and puts the resulting packets on
+the wire, in their order. Real time calls `pump` at `next_due_ns`. The simulation calls the two parts of `pump`,
+`release` and `send_due`, each when it is due: within one nanosecond, the packets that one side's link releases reach
+the other side before either side's protocol runs (see `hapnet.simulation.events`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from netem.timeline import Entry
 class Pumped(NamedTuple):
     """The events that became due.
 
-    packets : to put on the wire. events : of the protocol. changes : of the link, with their times [ns].
+    packets : for the wire. events : from the protocol. changes : of the link, with their times [ns].
     """
 
     packets: list[Packet]
@@ -29,12 +29,12 @@ class Pumped(NamedTuple):
 
 
 class LinkPort:
-    """A side's wire half, the link that shapes all that it sends, and the timeline that changes the link.
+    """A side's wire half, the link that carries all that it sends, and the timeline that changes the link.
 
-    What is due in one port at the same time runs in this order in both runtimes: changes of the link, packets that the
-    link releases, messages of the protocol. Not thread-safe: two users need a lock.
+    Actions that are due in one port at the same time run in this order in both runtimes: changes of the link, packets
+    that the link releases, messages of the protocol. Not thread-safe: two users need a lock.
 
-    wire : the side's wire half. link : others may only read its figures.
+    wire : the side's wire half. link : other code may only read its figures.
     """
 
     def __init__(self, wire: WireHalf, link: Link[Packet]) -> None:
@@ -43,7 +43,7 @@ class LinkPort:
         self._player: TimelinePlayer | None = None
 
     def play(self, timeline: Timeline, origin_ns: int) -> None:
-        """Change the link as the timeline says, counted from `origin_ns`."""
+        """Change the link by the timeline, counted from `origin_ns`."""
         self._player = TimelinePlayer(self.link, timeline, origin_ns)
 
     def change(self, now_ns: int, profile: LinkProfile) -> None:
@@ -63,19 +63,19 @@ class LinkPort:
         return [released for _, released in self.link.poll(now_ns)]
 
     def outward(self, data: bytes) -> Packet | None:
-        """Control's message as it goes to the link; None: it must not go."""
+        """The packet for the link with control's message; None: the message must not be sent."""
         frame = self.wire.session.outward(data)
         return None if frame is None else Packet("position", frame)
 
     def offer(self, now_ns: int, packet: Packet) -> bool:
-        """Offer it to the link. True: the link has no effect, and it is not on the link: deliver it now."""
+        """Offer a packet to the link. True: the link has no effect and did not take the packet; deliver it now."""
         if self.link.passes():
             return True
         self.link.send(now_ns, packet, len(packet.data) + FRAME_OVERHEAD)
         return False
 
     def collect(self) -> None:
-        """Give control's surplus energy to the session, which sends it when it is due."""
+        """Pass control's surplus energy to the session, which sends it when it is due."""
         self.wire.collect()
 
     def receive(self, now_ns: int, data: bytes) -> tuple[Event, ...]:
@@ -92,7 +92,7 @@ class LinkPort:
         return Pumped(packets, events, changes)
 
     def release(self, now_ns: int) -> tuple[list[Packet], list[tuple[int, Entry]]]:
-        """Change the link as its timeline says; returns the packets that it releases by now, and the changes."""
+        """Change the link by its timeline; returns the packets that the link releases by now, and the changes."""
         changes = [] if self._player is None else self._player.advance(now_ns)
         return [packet for _, packet in self.link.poll(now_ns)], changes
 
@@ -105,12 +105,12 @@ class LinkPort:
 
     @property
     def next_due_ns(self) -> int | None:
-        """When to `pump` next, if nothing else happens. A time in the past means now; None: nothing is planned."""
+        """The time of the next `pump` if nothing else happens. A past time means now; None: nothing is planned."""
         return earlier(self.release_due_ns, self.wire.next_due_ns)
 
     @property
     def release_due_ns(self) -> int | None:
-        """When to `release` next, because of the link or its timeline."""
+        """The time of the next `release`, due to the link or its timeline."""
         due_ns = self.link.next_due_ns
         return due_ns if self._player is None else earlier(due_ns, self._player.next_due_ns)
 

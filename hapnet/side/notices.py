@@ -1,4 +1,4 @@
-"""Notices for the people who run a side: who came, who left, what was lost, and when."""
+"""Notices for the people who run a side: a peer was paired or left, a message was refused, and when."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from hapnet.wire.events import (
 from hapnet.wire.fields import Signal
 
 OVER = "the run is over"
-"""Why a side leaves whose time is up."""
+"""The reason that a side gives when it leaves because its time is up."""
 
 
 @dataclass(frozen=True)
 class Notice:
     """Something that happened at `at_ns` on this machine's monotonic clock.
 
-    kind, values : for programs. text : for people. level : how serious it is.
+    kind, values : for programs. text : for people. level : its severity.
     """
 
     kind: str
@@ -41,14 +41,14 @@ class Notice:
 
 
 def signal_text(name: str, value: Signal) -> str:
-    """A signal as events and logs show it: its name and its value as JSON."""
+    """A signal as text for events and logs: its name, and its value as JSON."""
     return f"{name} = {json.dumps(value)}"
 
 
 def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice | None:
-    """The notice about an event of the session; None: the event is ordinary and needs none.
+    """Return the notice about an event of the session; None: the event needs no notice.
 
-    other : the other side's role. on_silence : what this side does when nothing arrives.
+    other : the other side's role. on_silence : the action of this side when nothing arrives.
     """
     match event:
         case Paired(_, number, encrypts, proof, fingerprint):
@@ -57,7 +57,7 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
             text = f"paired with the {other}{again}{how}"
             if proof == "nobody":
                 text += f", key {fingerprint}; the {other} must show the same" if fingerprint else ", without a key"
-                text += ": nobody has proved who it is"
+                text += ": its identity is not proved"
             values: dict[str, str | int | float] = {"pair": number, **({"key": fingerprint} if fingerprint else {})}
             return Notice("paired", text, now_ns, values=values)
         case SignalReceived(name, value):
@@ -67,17 +67,17 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case Mismatch(reason):
             return Notice("refused", f"a {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
         case PeerRefused(reason, by_peer):
-            who = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
-            return Notice("refused", f"{who} refuses this side: {reason}", now_ns, "error", {"reason": reason})
+            sender = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
+            return Notice("refused", f"{sender} refuses this side: {reason}", now_ns, "error", {"reason": reason})
         case Unproven(reason):
             return Notice("unproven", f"a {other} is ignored: {reason}", now_ns, "warning", {"reason": reason})
         case Contradiction(kind, detail):
-            text = f"somebody else speaks in the {other}'s name ({detail}): it is not known whether this run is passive"
+            text = f"another sender uses the {other}'s name ({detail}): it is not known whether this run is passive"
             return Notice("contradiction", text, now_ns, "error", {"kind": kind})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
-            does = "the set-position is held" if on_silence == "hold" else "the spring is released"
-            text = f"nothing from the {other} for {silence_s:.2f} s: {does}"
+            effect = "the set-position is held" if on_silence == "hold" else "the spring is released"
+            text = f"nothing from the {other} for {silence_s:.2f} s: {effect}"
             return Notice("silent", text, now_ns, "warning", {"since_ns": since_ns, "silence_s": silence_s})
         case PeerHeard(silence_ns, recovery_ns, missing):
             text = f"the {other} is heard again after {silence_ns * NANO:.2f} s"

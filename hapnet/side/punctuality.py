@@ -1,4 +1,4 @@
-"""How punctual the ticks of a servo are: every late one counts, and what is said of it while it lasts."""
+"""Counts the late ticks of a servo, and reports stalls while they last."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from hapnet.recording.samples import Event
 
 REPEAT_NS = 1_000_000_000
-"""A stall that goes on is reported again after this time [ns]."""
+"""A continuing stall is reported again after this time [ns]."""
 
 WINDOW_NS = 10_000_000_000
-"""The rate that a servo keeps is looked at over this time [ns]."""
+"""The window over which the servo's rate is measured [ns]."""
 
 KEPT = 0.95
-"""A servo that makes a smaller share of its ticks does not keep its rate."""
+"""A servo that makes a smaller share of its ticks than this does not keep its rate."""
 
 _CHANGED = 0.1
 _REMIND_NS = 60_000_000_000
@@ -22,12 +22,12 @@ _REMIND_NS = 60_000_000_000
 class Punctuality:
     """Counts the late ticks of a servo, and the time without force; `see` takes each tick, in their order.
 
-    period_ns : of the servo. watchdog_ns : a tick that comes later than this after its time is late, and renders no
-        force; None: none is.
+    period_ns : of the servo. watchdog_ns : a tick that comes later than this after its due time counts as late and
+        renders no force; None: no tick counts as late.
 
     Attributes
     ----------
-    late : how many ticks were late. max_ns : the longest time between two ticks [ns].
+    late : the number of late ticks. max_ns : the longest time between two ticks [ns].
     without_force_ns : the time before each late tick, and from a tick that rendered no force to the next [ns].
     """
 
@@ -38,7 +38,7 @@ class Punctuality:
         self._period_ns = period_ns
         self._most_ns = 2**63 if watchdog_ns is None else period_ns + watchdog_ns
         self._released = False
-        self._row = 0  # how many ticks in a row have been late
+        self._row = 0  # the number of late ticks in a row
         self._row_ns = self._reported_ns = self._reported_row = 0
         self._window_ns: int | None = None
         self._made = 0
@@ -46,14 +46,14 @@ class Punctuality:
         self._kept_ns = 0
 
     def is_late(self, since_ns: int) -> bool:
-        """Whether a tick is late that comes so long after the one before it."""
+        """Whether a tick that comes `since_ns` after the previous tick is late."""
         return since_ns > self._most_ns
 
     def see(self, now_ns: int, since_ns: int, *, released: bool, excused: bool = False) -> Sequence[Event]:
-        """Count the tick at `now_ns`, `since_ns` after the one before it; returns what is to be reported.
+        """Count the tick at `now_ns`, `since_ns` after the previous tick; returns the events to report.
 
-        released : it renders no force, as it is late or as the force is withheld. excused : it is late because the
-        device was silent, which is counted elsewhere; only the time without force counts here.
+        released : the tick renders no force, since it is late or the force is withheld. excused : it is late because
+        the device was silent, which is counted elsewhere; only the time without force counts here.
         """
         if since_ns > self.max_ns:
             self.max_ns = since_ns
@@ -68,7 +68,7 @@ class Punctuality:
         return reports
 
     def made(self, ticks: int) -> None:
-        """So many ticks were made elsewhere, each in time."""
+        """Count ticks that were made elsewhere, each in time."""
         self._made += ticks
         if ticks:
             self.max_ns = max(self.max_ns, self._period_ns)
@@ -98,7 +98,7 @@ class Punctuality:
         return Event(now_ns, "overrun", text, "warning")
 
     def _rate(self, now_ns: int) -> Sequence[Event]:
-        """Report the rate that is kept when it is too low, has changed or is kept again, and once a minute."""
+        """Report the rate when it gets too low or recovers; while it is too low, when it changes and once a minute."""
         began_ns, made = self._window_ns, self._made
         self._window_ns, self._made = now_ns, 0
         if began_ns is None:
@@ -110,11 +110,11 @@ class Punctuality:
         if not (again if slow and was_slow else slow != was_slow):
             return ()
         self._kept, self._kept_ns = kept, now_ns
-        asked, per_s = 1e9 / self._period_ns, made * 1e9 / lasted_ns
-        ticks = f"{per_s:.0f} of {asked:.0f} ticks a second over the last {lasted_ns * 1e-9:.0f} s"
+        wanted, per_s = 1e9 / self._period_ns, made * 1e9 / lasted_ns
+        ticks = f"{per_s:.0f} of {wanted:.0f} ticks a second over the last {lasted_ns * 1e-9:.0f} s"
         return [Event(now_ns, "rate", f"the servo made {ticks}", "warning" if slow else "info")]
 
 
 def seconds(value: float) -> str:
-    """A time [s] with three digits; never a power of ten."""
+    """Format a time [s] with three digits, without an exponent."""
     return f"{value:.3g}" if value < 100.0 else f"{value:.0f}"

@@ -1,8 +1,8 @@
-"""The side of a device that hapnet does not simulate: it may be silent, its readings may block, its force is limited.
+"""The side of a real device: the device may be silent, its readings may block, and its force is limited.
 
-While the device gives no reading the coupling stands still, as if the servo were away: the other side hears nothing,
-and the force is zero as soon as the device can be reached, or its own watchdog acts. What the actuators did meanwhile
-is not known. So the account counts the force, of those that may have been held, that put least energy in.
+While the device gives no reading the coupling stands still, as if the servo had stalled: nothing is sent to the other
+side, and the force is zero as soon as the device takes commands again, or its own watchdog acts. The actuators' work
+meanwhile is unknown. So of the forces that may have been held, the account counts the one that put least energy in.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from hapnet.wire.fields import Signal
 _TURNED_EVERY_NS = 10_000_000
 
 FIRST_READING_S = 10.0
-"""A device that gives no reading for this time from its start on has failed [s]; later it may be silent for longer."""
+"""A device that gives no reading for this time after its start has failed [s]; a later silence may last longer."""
 
 
 class RealDeviceSide(SampledDeviceSide):
@@ -44,8 +44,8 @@ class RealDeviceSide(SampledDeviceSide):
 
     More than twenty attributes: each silence, brake and switch is reported once, so the last report is kept.
 
-    limiter : of the force that goes to the actuators. check : pushes the handle before control begins; None: nobody
-    does. contact : asks a robot for the force of its surroundings; None: nobody does. Other parameters as for
+    limiter : limits the force that goes to the actuators. check : pushes the handle before control begins; None: there
+    is no check. contact : reads a robot's contact force; None: it is not read. Other parameters as for
     `SampledDeviceSide`.
     """
 
@@ -71,11 +71,11 @@ class RealDeviceSide(SampledDeviceSide):
         self._impossible = ""
         self._begun = False
         self.missed: int = 0
-        """How many readings were missed."""
+        """The number of missed readings."""
         self.silences: int = 0
-        """How many times that lasted until the watchdog acted."""
+        """The number of silences: missed readings until the watchdog acted."""
         self.silent_ns: int = 0
-        """How long that was in all [ns]."""
+        """The total duration of the silences [ns]."""
         self._silent = False
         self._heard_ns: int | None = None
         self._patience_ns = drive.watchdog_ns or 0
@@ -83,8 +83,8 @@ class RealDeviceSide(SampledDeviceSide):
             self._patience_ns = min(self._patience_ns, round(device.watchdog_s / NANO))
         self._reports = False
         self._sent: Vector = (0.0,) * device.dof
-        self._held_before: Vector | None = None  # what may still be held, as a command did not go out
-        self._was_released = False  # so that one that is not held at the start is reported
+        self._held_before: Vector | None = None  # the force that may still be held, since a command failed
+        self._was_released = False  # so that a switch that is not held at the start is reported
         self._was_braked = ""
         self._reading: tuple[Vector, Vector] = (), ()
         self._risk_J = 0.0
@@ -102,8 +102,8 @@ class RealDeviceSide(SampledDeviceSide):
         )
         self._repeats = RepeatedReadings()
         self.waited: Callable[[], int] = lambda: 0
-        """How long the calling thread ran or waited for a processor so far [ns]."""
-        self._asked_ns: int | None = None  # since when readings are asked for
+        """The time for which the calling thread ran or waited for a processor so far [ns]."""
+        self._first_try_ns: int | None = None  # the time of the first attempt to read
 
     def tick(self, now_ns: int) -> bytes | None:
         begun_ns, self._waited_ns = self.drive.clock(), self.waited()
@@ -114,7 +114,7 @@ class RealDeviceSide(SampledDeviceSide):
             self._called("read", begun_ns)
             self._keep_still(self.drive.clock(), error)
             return None
-        now_ns = self._called("read", begun_ns)  # a reading may have been waited for
+        now_ns = self._called("read", begun_ns)  # the call may have waited for a reading
         self._repeats.see(*self._reading)
         if self._silent:
             self._go_on(now_ns)
@@ -124,19 +124,19 @@ class RealDeviceSide(SampledDeviceSide):
             if self.endpoint.paired and self._check is not None:
                 self._push(self._check, now_ns)
                 return None
-            self._send((0.0,) * self.device.dof)  # a device's watchdog may want to hear from us
+            self._send((0.0,) * self.device.dof)  # a device's watchdog may need regular commands
         return super().tick(now_ns)
 
     def _called(self, call: str, begun_ns: int) -> int:
-        """A call of the driver has ended; returns when."""
+        """Count a call of the driver that has just ended; returns the time of its end."""
         ended_ns = self.drive.clock()
         if (event := self._times.called(call, begun_ns, ended_ns, self.waited, self._waited_ns)) is not None:
             self._write(event)
         return ended_ns
 
     def _push(self, check: ActuatorCheck, now_ns: int) -> None:
-        """Push the handle before control begins, as soon as somebody holds it. The last push is no force, and ends
-        it."""
+        """Push the handle before control begins, once the dead-man switch is held. The last push has no force and
+        ends the check."""
         none = (0.0,) * self.device.dof
         if not self.limiter.is_held(self.device.buttons()):
             if not self._waits_for_switch:
@@ -183,7 +183,7 @@ class RealDeviceSide(SampledDeviceSide):
         self._closed = True
         held_N = math.hypot(*self._sent)
         if self._silent and self.origin_ns is not None:
-            self.stop_force(self.drive.clock(), "the device is silent at the end: what it rendered since is not known")
+            self.stop_force(self.drive.clock(), "the device is silent at the end: its force since then is unknown")
         try:
             super().stop()
         except HapnetError as error:
@@ -191,7 +191,7 @@ class RealDeviceSide(SampledDeviceSide):
             remains = f"; up to {held_N:.2g} N may remain {ends}" if held_N else ""
             text = f"the device {self.device.name} did not end its force: {error}{remains}"
             if held_N and self.origin_ns is not None:
-                self.stop_force(self.drive.clock(), "it did not end its force: what it renders since is not known")
+                self.stop_force(self.drive.clock(), "it did not end its force: its force since then is unknown")
             self._write(Event(self.drive.clock(), "device", text, "error"))
             if not isinstance(error, DeviceSilent):
                 raise
@@ -219,7 +219,7 @@ class RealDeviceSide(SampledDeviceSide):
         }
 
     def _kept_hz(self) -> float:
-        """How often the device was read in a second since the sides met."""
+        """The mean number of readings in a second since control started."""
         lasted_ns = 0 if self.origin_ns is None else self.last_ns - self.origin_ns
         return 1.0 / self._period_s if lasted_ns <= 0 else self.ticks * 1e9 / lasted_ns
 
@@ -228,7 +228,7 @@ class RealDeviceSide(SampledDeviceSide):
         self.device.signal(name, value)
 
     def _report(self, now_ns: int) -> None:
-        """Tell the world which buttons are pressed and how the handle is turned, where that has changed."""
+        """Send the world the pressed buttons when they change, and the handle's orientation at most every 10 ms."""
         buttons = tuple(self.device.buttons())
         if buttons != self._buttons:
             self._buttons = buttons
@@ -260,7 +260,7 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _elapsed(self) -> float:
         assert self._heard_ns is not None, "a reading comes first"
-        ours = (self._heard_ns - self.last_ns) * NANO  # by when it came, as in the tick before: not what came after it
+        ours = (self._heard_ns - self.last_ns) * NANO  # time after the reading belongs to the next tick
         reported = self.device.interval()
         if reported is None:
             return ours
@@ -284,7 +284,7 @@ class RealDeviceSide(SampledDeviceSide):
             level = "warning" if self._was_released else "info"
             self._write(Event(self.drive.clock(), "dead-man", f"the dead-man switch is {state}", level))
         if self._probe is not None and self._probe.share < 1.0:
-            permitted = tuple([self._probe.share * one for one in permitted])
+            permitted = tuple([self._probe.share * component for component in permitted])
         applied = self._send(permitted)
         if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
             grain = model.grain_force(self.servo.coupling.spring)
@@ -330,8 +330,8 @@ class RealDeviceSide(SampledDeviceSide):
     def _doubt(self, dt: float, moved: Vector) -> None:
         """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].
 
-        What it may have put out counts, as far as it can have been held before the device's own watchdog acted; what it
-        may have taken in does not.
+        Energy that the force may have put out counts, for as long as the force can have been held before the device's
+        own watchdog acted; energy that it may have taken in does not count.
         """
         servo, coupling = self.servo, self.coupling
         before = [] if self._held_before is None else [self._frame.coupled_force(self._held_before)]
@@ -347,14 +347,14 @@ class RealDeviceSide(SampledDeviceSide):
         servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
 
     def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
-        """Miss a reading or a command. From when the watchdog acts: no force, as far as the device takes commands.
+        """Handle a missed reading or command. Once the watchdog acts, command zero force, if the device takes commands.
 
         Raises HapnetError: the device has given no reading since its start, `FIRST_READING_S` ago.
         """
         self.missed += 1
         if self._heard_ns is None:
-            self._asked_ns = now_ns if self._asked_ns is None else self._asked_ns
-            if now_ns - self._asked_ns > FIRST_READING_S / NANO:
+            self._first_try_ns = now_ns if self._first_try_ns is None else self._first_try_ns
+            if now_ns - self._first_try_ns > FIRST_READING_S / NANO:
                 text = f"the device {self.device.name} failed: no reading within {FIRST_READING_S:g} s: {error}"
                 raise HapnetError(text)
         if not self._silent:

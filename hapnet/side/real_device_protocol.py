@@ -1,4 +1,4 @@
-"""The device that `RealDeviceSide` drives: its optional parts are there, whatever the driver has of them."""
+"""The device that `RealDeviceSide` drives; optional methods exist even if the driver lacks them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from hapnet.wire.fields import Signal
 
 
 class RealDevice(Device, Protocol):
-    """A device with what only real ones have."""
+    """A device with the attributes and methods that only real devices have."""
 
     name: str
     watchdog_s: float | None
-    """It takes the force away by itself when no command has come for so long [s]; None: it does not."""
+    """The device ends its force by itself when no command has come for this time [s]; None: it does not."""
 
     smallest_mass: float | None
-    """The handle is felt as no lighter [kg]; None: not declared."""
+    """A lower bound of the mass felt at the handle [kg]; None: not declared."""
 
     knows_force: bool
-    """Is what `acted` returns known from the device?"""
+    """Whether the result of `acted` comes from the device itself."""
 
     @property
     def blocks(self) -> bool:
@@ -29,10 +29,10 @@ class RealDevice(Device, Protocol):
 
     @property
     def missed(self) -> int:
-        """Readings that it made and nobody took."""
+        """The number of readings that the device made and that were not read."""
 
     def begin(self) -> None:
-        """Control begins."""
+        """Prepare for control, which begins now."""
 
     def acted(self) -> Vector | None:
         """The force that acted between the last two readings [N], if the device reports it."""
@@ -41,19 +41,19 @@ class RealDevice(Device, Protocol):
         """The time between the last two readings [s] by the device's own clock, if it reports that."""
 
     def orientation(self) -> Vector | None:
-        """How its handle is turned, as of the last reading: a unit quaternion, or None if it is not known."""
+        """The orientation of its handle at the last reading: a unit quaternion, or None if it is unknown."""
 
     def signal(self, name: str, value: Signal) -> None:
-        """The world sends a value beside the stream."""
+        """Take a value that the world sends beside the stream."""
 
     def vibrate(self, force: Vector) -> None:
-        """Take the part of the force that grains make now [N]."""
+        """Take the part of the present force that comes from grains [N]."""
 
     def braked(self) -> str:
-        """Why it renders no force now; empty: it does."""
+        """The reason why it renders no force now; empty: it renders force."""
 
     def buttons(self) -> Sequence[bool]:
-        """Its buttons as of the last reading."""
+        """The states of its buttons at the last reading."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the connection to the device."""

@@ -1,7 +1,7 @@
-"""Re-indexing at a robot: when its leader leads again, wherever that one then is, it is led from where it stands.
+"""Re-indexing at a robot: when its leader leads again from another place, the robot goes on from where it stands.
 
-The positions of the leader are moved when they come, and those of the robot when they go: `frame`. So nothing changes
-for the robot's coupling and its account, and for the leader the robot is where the leader is.
+`frame` shifts the leader's positions when they arrive, and the robot's positions when they are sent. So the robot's
+coupling and its account see no jump, and for the leader the robot is where the leader is.
 """
 
 from __future__ import annotations
@@ -24,39 +24,39 @@ from hapnet.recording.samples import WorldSample
 
 
 def rest(coupling: CouplingState) -> None:
-    """Let a coupling with set-positions stay where it is until a sample arrives."""
+    """Keep the set-position of a coupling that has one until a sample arrives."""
     if isinstance(coupling, SetPositionCoupling):
         coupling.rest()
 
 
 PAUSE_NS = 100_000_000
-"""A leader that was not heard for so long is away [ns]. A robot that is led on by prediction needs some 50 ms to stop,
-and stands 0.2 s and the link's delay after its leader's last message."""
+"""A leader from which nothing arrived for this time is away [ns]. A robot that follows a prediction takes some 50 ms to
+stop, and stands 0.2 s and the link's delay after its leader's last message."""
 
 
 class Reindexing:
-    """Between what crosses the link and a robot's coupling, which holds its set-position while its leader is away.
+    """Shifts samples between the link and a robot's coupling, which holds its set-position while its leader is away.
 
-    frame : its own coordinates are those of the robot's coupling, the coupled ones those of the link.
-    silence_ns : a leader that was silent for longer is met where it then is [ns].
-    meets : whether the robot meets it at all, and does not go to where it is.
+    frame : its own coordinates are those of the robot's coupling, its coupled coordinates those of the link.
+    silence_ns : after a longer silence of the leader the robot is re-indexed [ns].
+    meets : whether the robot is re-indexed at all; otherwise it moves to the leader's position.
     """
 
     def __init__(self, frame: Frame, silence_ns: int, *, meets: bool) -> None:
         self.frame = frame
         self.leads = True
-        """Does the leader say that it leads?"""
+        """Whether the leader reports that it leads."""
         self._meets = meets
         self._paused = False
         self.moved = False
-        """Was the robot re-indexed yet?"""
+        """Whether the robot was re-indexed yet."""
         self.due = False
-        """The next position of the leader is where the robot is."""
+        """True: re-index at the next sample of the leader, so that its position becomes the robot's."""
         self._silence_ns = silence_ns
         self._came_ns: int | None = None
 
     def led(self, coupling: CouplingState, sample: CouplingSample, came_ns: int) -> CouplingSample:
-        """The leader's sample, which came at `came_ns`, as the robot's coupling takes it.
+        """The leader's sample, which came at `came_ns`, in the coordinates of the robot's coupling.
 
         If the leader was away, the robot's set-position stays where it is.
         """
@@ -70,7 +70,7 @@ class Reindexing:
         return self._inward(sample) if self.moved else sample
 
     def watch(self, coupling: CouplingState, now_ns: int) -> None:
-        """Let the robot stay where it is if nothing came for a while. Once a tick."""
+        """Hold the robot where it is if nothing came for a while. Call it once a tick."""
         if self._came_ns is not None and not self._paused and now_ns - self._came_ns > PAUSE_NS:
             self._paused = True
             rest(coupling)
@@ -84,12 +84,12 @@ class Reindexing:
             case PortSample(position, energy):
                 return PortSample(self.frame.own(position), energy)
             case ProxySample() | WaveSample():
-                raise TypeError("of these no leader's law sends any to a robot that re-indexes")
+                raise TypeError("no leader's law sends proxies or waves to a robot that re-indexes")
             case _:
                 return self.frame.own(sample)
 
     def outward(self, sample: CouplingSample) -> CouplingSample:
-        """Return the sample of the robot's coupling as it crosses the link."""
+        """Return a sample of the robot's coupling in the coordinates of the link."""
         if not self.moved:
             return sample
         frame = self.frame
@@ -107,7 +107,7 @@ class Reindexing:
                 return frame.coupled(sample)
 
     def recorded(self, sample: Any) -> Any:
-        """A sample of the robot in the leader's coordinates, as recordings have it."""
+        """A sample of the robot in the leader's coordinates, for recordings."""
         if not self.moved or not isinstance(sample, WorldSample):
             return sample
         frame = self.frame

@@ -1,4 +1,4 @@
-"""The device's side whose torque is held from tick to tick, as on hardware."""
+"""The device's side with the sampled servo: the torque is held from tick to tick, as on hardware."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from hapnet.wire.signals import LEADS
 class SampledDeviceSide(DeviceSide):
     """Any device with its torque held from tick to tick; its account is at the actuator's port.
 
-    make_servo : called with a measured position [m], and whether the reservoir is empty; makes the law.
-    declared : the device's operating range. A reading outside of it stops the force for good. That reading and all
-        after it are ignored: for the coupling the device stays where it was. None: all readings count.
+    make_servo : makes the law from a measured position [m], and whether the reservoir is empty.
+    declared : the device's operating range. A reading outside of it stops the force for good. This and all later
+        readings are ignored: for the coupling the device stays where it was. None: all readings count.
     """
 
     def __init__(
@@ -41,15 +41,15 @@ class SampledDeviceSide(DeviceSide):
         self._declared = declared
         self._watch: RangeWatch | None = None
         self.clutch: Clutch | None = None
-        """Between the device's own axes and the coupling's; None: they are the same, so far."""
+        """Converts between the device's own axes and the coupling's; None: they are the same so far."""
         self.leads_while_held = False
-        """Does it lead whatever is at the other side only while it is held? Else only a robot."""
+        """True: the device leads any world only while it is held. False: this holds for robots only."""
         self._leads = True
         self._dt = 0.0  # between the last two readings [s]
         self.same: Frame = Frame(1.0, 1.0, (0.0,) * device.dof)
-        """The coupling's axes before the device has let go for the first time: its own."""
+        """The coupling's axes until the device stops leading for the first time: the device's own axes."""
         self.is_held: Callable[[float], bool] = lambda t: True
-        """Does somebody hold it, so many seconds after control began?"""
+        """Returns whether a hand holds the device at a time after control began [s]."""
         self._simulated = device if isinstance(device, SimulatedDevice) else None
         self._make_servo = make_servo
         self.held: HeldDevice | None = None
@@ -69,7 +69,7 @@ class SampledDeviceSide(DeviceSide):
 
     @property
     def _frame(self) -> Frame:
-        """Where the device's own axes are."""
+        """The frame that relates the device's own axes to the coupling's."""
         return self.same if self.clutch is None else self.clutch.frame
 
     @property
@@ -85,7 +85,7 @@ class SampledDeviceSide(DeviceSide):
             self.servo.stop()
 
     def _require_inside(self, x: Vector) -> None:
-        """Raise HapnetError if the device is outside of its workspace."""
+        """Raise HapnetError if the device is outside its workspace."""
         if self._declared is not None and (where := self._declared.outside(x)) is not None:
             raise HapnetError(f"the device cannot begin: {where}")
 
@@ -152,7 +152,7 @@ class SampledDeviceSide(DeviceSide):
             self.servo.force = self._frame.coupled_force(applied)
 
     def _why_not_led(self, now_ns: int) -> str:
-        """Why the device leads nothing now; empty: it leads."""
+        """The reason why the device leads nothing now; empty: it leads."""
         if self.stopped is not None:
             return self.stopped.why
         return self.withheld or self.let_go or ("" if self.is_held(self._since_s(now_ns)) else "it is not held")
@@ -162,16 +162,16 @@ class SampledDeviceSide(DeviceSide):
         return 0.0 if self.origin_ns is None else (now_ns - self.origin_ns) * NANO
 
     def _let_go(self, now_ns: int, why: str) -> None:
-        """From now on the device moves alone, for this reason; empty: from now on it leads, from where it then is."""
+        """Stop leading for the reason `why`; empty: lead again, from the device's present position."""
         self._leads = not why
         self.endpoint.report(LEADS, self._leads)
-        text = f"the device leads no more: {why}" if why else "the device leads again, from where it is"
+        text = f"the device no longer leads: {why}" if why else "the device leads again, from where it is"
         self._write(Event(now_ns, "leads", text, "warning" if why else "info"))
         if self.clutch is None:
             self.clutch = Clutch(self.same)
 
     def _through(self, clutch: Clutch, now_ns: int, x: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """Position and velocity as the coupling has them."""
+        """Return position and velocity in the coupling's axes."""
         was = clutch.disengaged
         moved = clutch.move(self._since_s(now_ns), x, v, self.servo.force, lets_go=not self._leads)
         if clutch.disengaged != was:
@@ -180,8 +180,8 @@ class SampledDeviceSide(DeviceSide):
         return moved
 
     def _live_through(self, held: HeldDevice, follow: Callable[[float, Vector], None]) -> None:
-        """A period in which the servo was away: the device goes on under the force that is held, and both accounts
-        count the work that this force really does."""
+        """Advance the device by a period in which the servo stalled: the force is held, and both accounts count its
+        true work."""
         held_device.live(held, None, 1)
         x = held.plant.read()[0]
         follow(held.plant.period, x if self.clutch is None else self.clutch.place(x, self.servo.force))
@@ -193,7 +193,7 @@ class SampledDeviceSide(DeviceSide):
         return (self.drive.clock() - self.last_ns) * NANO
 
     def _apply(self, dt: float, force: Vector) -> Vector | None:
-        """Hold this force from now on, `dt` seconds after the last; returns the one really applied, if it is known."""
+        """Hold this force from now on, `dt` seconds after the last; returns the applied force, if it is known."""
         return self.device.apply(force)
 
     @property

@@ -1,4 +1,4 @@
-"""The world's side of a run, complete: endpoint, virtual mass, scene and recording; either runtime drives it."""
+"""The complete world's side of a run: endpoint, virtual mass, scene and recording; either runtime drives it."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from hapnet.wire.signals import LEADS, STOP
 
 
 class Steps(Record):
-    """The world's steps so far: how many, and how long all, the longest and the last took [s].
+    """The number of the world's steps so far, and the durations of all together, the longest and the last [s].
 
-    began_ns : when the running one began.
+    began_ns : when the current step began.
     """
 
     count: int
@@ -42,10 +42,10 @@ class Steps(Record):
 class WorldSide:
     """A virtual mass among the contacts of a scene, and its endpoint.
 
-    endpoint, mass, scene : of this side.
-    make_coupling : called when control starts, with position [m], kinetic energy [J], and whether the reservoir is
-        empty; makes the coupling.
-    rng : draws the steps' lengths. write : takes each sample. name : the user's name for the scene.
+    endpoint, mass, scene : the parts of this side.
+    make_coupling : makes the coupling when control starts, from position [m], kinetic energy [J], and whether the
+        reservoir is empty.
+    rng : draws the lengths of the steps. write : records each sample. name : the user's name for the scene.
     """
 
     def __init__(
@@ -69,15 +69,15 @@ class WorldSide:
         self.environment: EnvironmentAccount | None = None
         """The environment's own account; None before control starts."""
         self.paused = False
-        """The virtual mass stands still and nothing is recorded; all else continues."""
+        """True: the virtual mass stands still and nothing is recorded; all else continues."""
         self.releases = False
-        """Does a robot render no force when its leader lets go? Else it holds its set-position."""
+        """True: a robot renders no force while its leader does not lead. False: it holds its set-position."""
         self._stands_still = self._released = False
         self._make_coupling = make_coupling
         self.rng: Final = rng
         self._name = name
         self._write = write
-        self._reported: dict[str, Signal] = {}
+        self._sent_signals: dict[str, Signal] = {}
         self._scene_writer: SceneWriter | None = None
 
     @property
@@ -86,20 +86,20 @@ class WorldSide:
 
     @property
     def steps(self) -> int:
-        """How many steps were made."""
+        """The number of steps so far."""
         return self.stepped.count
 
     def step(self, now_ns: int) -> bytes | None:
-        """End the running step, however long it took, and begin the next; returns the message to send, if there is one.
+        """End the current step, however long it took, and begin the next; returns the message to send, if any.
 
-        Until control starts (`origin_ns` is None) there are neither steps nor messages.
+        Before control starts (`origin_ns` is None) there are no steps and no messages.
         """
         endpoint, mass = self.endpoint, self.mass
         self._exchange_signals(now_ns)
         if self.origin_ns is None:
             if not endpoint.paired:
                 return None
-            # a world that starts again has no energy to go to the device, so it begins at the device's first position
+            # a restarted world has no energy for a move to the device, so it begins at the device's first position
             if endpoint.restarted or mass.waits:
                 if (sample := endpoint.arrived) is None:
                     return None
@@ -150,41 +150,42 @@ class WorldSide:
         self.draw(now_ns, done.position, done.force)
 
     def draw(self, now_ns: int, position: Vector, force: Vector) -> None:
-        """Write how the scene looks after a step, if it is time to; arguments as in `drawing.observe`."""
+        """Record a picture of the scene after a step, if one is due; arguments as in `drawing.observe`."""
         if self._scene_writer is not None:
             self._scene_writer.step(now_ns, position, force)
 
     def _drawn(self, now_ns: int) -> SceneWriter | None:
-        """Return the writer of the scene's picture; None: it cannot be drawn. HapnetError with its name if it is
-        bad.
+        """Return the writer of the scene's picture; None: the scene cannot be drawn.
+
+        Raises HapnetError: the picture is not valid.
         """
-        reported: object = None
+        result: object = None
         try:
-            reported = picture = self.scene.picture()
+            result = picture = self.scene.picture()
             return None if picture is None else SceneWriter(picture, self._write, now_ns)
         except HapnetError:
             raise
         except BaseException as error:  # see `loading.failure`
-            wrong = f"picture() gave {reported!r:.120}, not what can be drawn ({failure(error)})"
+            wrong = f"picture() gave {result!r:.120}, not what can be drawn ({failure(error)})"
             raise HapnetError(f"the scene {self._name} failed: {wrong}") from error
 
     def _exchange_signals(self, now_ns: int) -> None:
-        """Give the scene the signals that have come, if it takes any, and send the device those of the scene."""
+        """Pass received signals to the scene, and send the scene's changed signals to the device."""
         try:
             for name, value in self.endpoint.signals():
                 if self.scene.robot:
                     self._let_go(now_ns, name, value)
                 self.scene.signal(name, value)
             for name, value in self.scene.signals().items():
-                if self._reported.get(name, self) != value:
-                    self._reported[name] = value
+                if self._sent_signals.get(name, self) != value:
+                    self._sent_signals[name] = value
                     self.endpoint.report(name, value)
                     self._write(Event(now_ns, "signal", signal_text(name, value)))
         except BaseException as error:  # see `loading.failure`
             raise HapnetError(f"the scene {self._name} failed: its signals raised {failure(error)}") from error
 
     def _let_go(self, now_ns: int, name: str, value: Signal) -> None:
-        """The robot stops, or is led again."""
+        """Stop the robot, release it, or lead it again, as the signal requests."""
         if name == STOP and isinstance(value, str):
             self.endpoint.stand_still()
             self._stands_still, self._released = True, self.releases
@@ -198,21 +199,21 @@ class WorldSide:
 
     @property
     def _servo(self) -> FollowerServo | None:
-        """Of a robot whose force is held; None: there is none."""
+        """The servo of a robot whose force is held; None: there is no such robot."""
         return self._world.servo if self.origin_ns is not None and isinstance(self._world, HeldSteps) else None
 
     def place(self, position: Vector) -> None:
-        """Begin as near to `position` [m] as the walls let; before control starts."""
+        """Begin as near to `position` [m] as the walls allow. Call it before control starts."""
         assert self.origin_ns is None, "control has started"
         self.mass.place(self.scene.towards(position))
 
     def held_forces(self) -> dict[str, Any]:
-        """The summary's entries about a robot's forces that are held from tick to tick; empty where no robot is."""
+        """The summary's entries about a robot's forces that are held from tick to tick; empty without a robot."""
         servo = self._servo
         return {} if servo is None else {"quantisation_J": servo.quantisation, **servo.figures()}
 
     def next_step_ns(self) -> int:
-        """The length that the scene asks for the step that has begun [ns]; HapnetError if the scene fails."""
+        """The length of the step that has begun, from the scene [ns]. Raises HapnetError: the scene fails."""
         try:
             return max(1, round(self.scene.next_step_s(self.rng) / NANO))
         except BaseException as error:  # see `loading.failure`
@@ -221,10 +222,10 @@ class WorldSide:
 
 @equation
 def step(side: Any, endpoint: Any, now_ns: int) -> Any:
-    """End the running step of the world, and begin the next; returns the message to send, if there is one.
+    """End the world's current step, and begin the next; returns the message to send, if there is one.
 
-    side, endpoint : a `WorldSide` and its endpoint, or what compiled code has for them; what each does in its own way
-    are the functions below.
+    side, endpoint : a `WorldSide` and its endpoint, or their records in compiled code. The functions below are the
+    parts that differ between the two.
     """
     stepped = side.stepped
     dt = (now_ns - stepped.began_ns) * NANO
@@ -246,12 +247,12 @@ def advance(side: Any, dt: float) -> None:
 
 
 def take(side: Any, endpoint: Any, now_ns: int) -> None:
-    """Give the coupling what has arrived since the last step."""
+    """Pass the samples and credits that arrived since the last step to the coupling."""
     endpoint.take(now_ns)
 
 
 def answer(side: Any, endpoint: Any, now_ns: int, dt: float) -> Any:
-    """Run the law at the onset of the next step; returns the message to send, if there is one."""
+    """Run the law at the onset of the next step; returns the message to send, if any."""
     done = side.moved
     return endpoint.answer(now_ns, dt, done.position, side.mass.kinetic_J, done.work_J, done.dissipated_J)
 

@@ -42,11 +42,11 @@ class BatchRun(NamedTuple):
     params: Params
     seed: int
     summary: Summary
-    """As in the result of a single run."""
+    """The summary, as in the result of a single run."""
     device: SideState
     world: SideState
     not_compiled: str | None
-    """Why the compiled kernel did not run it; None: it did."""
+    """The reason why the compiled kernel did not run it; None: it did."""
 
 
 def simulate_batch(

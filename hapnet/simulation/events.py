@@ -21,8 +21,8 @@ ends, a tick of the device is due."""
 NO_EVENT = 6
 
 DONE, STOPPED, NEEDS_MORE, IMPOSSIBLE = range(4)
-"""Why a run stops: all is done; its user stopped it; a compiled run needs more draws, steps, ticks of the hand's
-path or room for samples, or has reached an event that only plain Python can run."""
+"""The reasons for the end of a run: all is done; its user stopped it; a compiled run needs more draws, steps, ticks of
+the hand's path or room for samples, or has reached an event that only plain Python can run."""
 
 
 class Clock(Record):

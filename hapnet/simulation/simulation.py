@@ -53,7 +53,7 @@ from netem import Link
 
 PAIRING_LIMIT_NS = 60_000_000_000
 LINGER_NS = 10_000_000_000
-"""How long after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
+"""For this time after the end the links may deliver shuffled energy, so that the accounts can be closed [ns]."""
 
 _CHECK_TICKS = 3
 """Ticks between two checks whether the handshake is over."""

@@ -100,7 +100,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
         True, 0, "the peer's identity is not proven: there was neither a secret nor a certificate"
     ),
 })  # fmt: skip
-"""In the order in which a verdict names them."""
+"""The causes, in the order in which a verdict lists them."""
 
 
 def found(cause: str, **values: object) -> Finding:

@@ -67,7 +67,7 @@ def _held(side: DeviceSide) -> SidePart:
 
 
 def _stopped(side: DeviceSide) -> Stopped | None:
-    """When and why the device's force was stopped for good."""
+    """The time and reason of the stop of the device's force for good; None: it was not stopped."""
     if side.stopped is None or side.origin_ns is None:
         return None
     at_ns, why, asked = side.stopped

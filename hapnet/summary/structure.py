@@ -28,7 +28,7 @@ from hapnet.summary.from_samples import MotionFigures as MotionFigures
 from hapnet.wire.messages import Role
 
 Direction = Literal["up", "down"]
-"""From the device, and from the world."""
+"""The direction from the device (up), or from the world (down)."""
 
 SIDES: tuple[Role, Role] = ("device", "world")
 DIRECTIONS: tuple[Direction, Direction] = ("up", "down")
@@ -152,7 +152,7 @@ class StepSummary(TypedDict):
 
 
 class Stopped(TypedDict):
-    """When and why the device's force was stopped for good. `asked` : on request, and the account is exact."""
+    """Time and reason of the stop of the device's force for good. `asked` : on request, and the account is exact."""
 
     after_s: Number
     why: str | None

@@ -16,7 +16,7 @@ KEEP_ALIVE_NS = 200_000_000
 """Each key carries a message at least this often [ns]."""
 
 WATCH_NS = 50_000_000
-"""How often the keys are checked [ns]; a keep-alive is sent up to this much before `KEEP_ALIVE_NS` is over."""
+"""The period of the checks of the keys [ns]; a keep-alive is sent up to this much before `KEEP_ALIVE_NS` is over."""
 
 SILENT_NS = 450_000_000
 """A key is silent if no message came for longer [ns]: two keep-alives, and some delay of the second."""

@@ -11,7 +11,7 @@ import zenoh
 from hapnet.transport.config import ZenohSettings, reason, where, zenoh_config
 
 LOOK_S = 0.2
-"""How often the connection is checked [s]."""
+"""The period of the checks of the connection [s]."""
 
 LOST_S = 1.0
 """After this time without any connection, Zenoh is opened again [s]."""

@@ -44,7 +44,7 @@ from hapnet.transport.sampled import Putting, SampledPublisher, channels_of, sam
 from hapnet.wire.messages import Role
 
 EXIT_TIMEOUT_S = 2.0
-"""How long an interpreter that exits without `close` waits for Zenoh to close [s]."""
+"""An interpreter that exits without `close` waits for this time until Zenoh is closed [s]."""
 
 KEEP_ALIVE = b""
 """The payload that is put on a quiet key."""
@@ -53,7 +53,7 @@ REPORT_AFTER_NS = 1_000_000_000
 """A key that is silent for longer is reported [ns]: a new declaration repairs a key sooner."""
 
 LOOK_EVERY_NS = 1_000_000_000
-"""How often a side that does not detect the other side looks for processes with its own role [ns]."""
+"""The period with which a side that does not detect the other side looks for processes with its own role [ns]."""
 
 _MOST_ANSWERS, _ALL = 16, (*KINDS, SIGNALS, TELEMETRY)
 

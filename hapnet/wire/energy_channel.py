@@ -175,7 +175,7 @@ class EnergyChannel(Record):
 
 @equation
 def send(channel: EnergyChannel, energy_J: float) -> None:
-    """`EnergyChannel.send`, for an energy that was checked."""
+    """Send an energy that was checked: `EnergyChannel.send`."""
     held_J = channel.residue_J + energy_J
     whole_nJ = math.floor(held_J * 1e9)
     if whole_nJ / 1e9 > held_J:  # the product was rounded up to the next integer
@@ -186,7 +186,7 @@ def send(channel: EnergyChannel, energy_J: float) -> None:
 
 @equation
 def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -> int:
-    """`EnergyChannel.receive`, for an acknowledgement of at most the announced energy."""
+    """Process a message that acknowledges at most the announced energy: `EnergyChannel.receive`."""
     acknowledge(channel, acked_nJ, now_ns)
     if total_nJ > 0:
         _owe_ack(channel, now_ns)
@@ -198,7 +198,7 @@ def receive(channel: EnergyChannel, total_nJ: int, acked_nJ: int, now_ns: int) -
 
 @equation
 def acknowledge(channel: EnergyChannel, acked_nJ: int, now_ns: int) -> None:
-    """`EnergyChannel.acknowledge`, for at most the announced energy."""
+    """Enter an acknowledgement of at most the announced energy: `EnergyChannel.acknowledge`."""
     if acked_nJ <= channel.acked_nJ or channel.closed:
         return
     channel.acked_nJ = acked_nJ
@@ -248,7 +248,7 @@ def poll(channel: EnergyChannel, now_ns: int) -> int:
 
 @equation
 def next_due_ns(channel: EnergyChannel) -> int:
-    """`EnergyChannel.next_due_ns`; `NEVER`: nothing is planned."""
+    """The time of the next `admit` and `poll`: `EnergyChannel.next_due_ns`; `NEVER`: nothing is planned."""
     if channel.closed:
         return NEVER
     due = channel.retransmit_ns
@@ -284,7 +284,7 @@ def _forget_oldest(channel: EnergyChannel) -> None:
 
 
 admit = EnergyChannel.admit
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""
 
 
 @dataclass(slots=True)

@@ -55,7 +55,7 @@ class MessageContent(NamedTuple):
     number: int = 0
     identity: Identity | None = None
     reason: str = ""
-    """Of a refusal or bye, the sender's reason; of a hello or welcome, why it does not fit."""
+    """The sender's reason for a refusal or bye; the reason why a hello or welcome does not fit."""
     more: dict[str, Any] | None = None
     """Its further entries."""
     proven: bool = False

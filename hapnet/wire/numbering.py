@@ -20,8 +20,8 @@ from __future__ import annotations
 from hapnet.records.record import Record, equation
 
 NEW, AGAIN, LATE, DOUBTFUL, SEEN = range(5)
-"""How a message relates to the run so far: newer than all before; the first of another run, which is accepted from now
-on; older than an earlier one; no part of the run; a copy of an earlier one (`hapnet.wire.path.arrive` detects it)."""
+"""The place of a message in the run so far: newer than all before; the first of another run, which is accepted from now
+on; older than an earlier message; no part of the run; a copy of an earlier message (see `hapnet.wire.path.arrive`)."""
 
 MIN_PERIOD_NS, MOST_AT_ONCE = 50_000, 2_000
 """In the long run a sender's messages are at least this far apart; at most this many may come ahead of that."""
@@ -161,4 +161,4 @@ def _most(waited_ns: int) -> int:
 
 
 place = Numbering.place
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""

@@ -63,7 +63,7 @@ class PathFigures:
     lost: int
     """The number that were lost on the path; an estimate if the other side samples its stream."""
     stalls: int
-    """How often no new message came for `STALL_NS` longer than the sender paused."""
+    """The number of times that no new message came for `STALL_NS` longer than the sender paused."""
     max_stall_ns: int
 
 
@@ -276,7 +276,7 @@ def is_used(place: int, counts_once: bool, may_be_late: bool) -> bool:
 
 
 on_position, on_echo, took_ns = Path.on_position, Path.on_echo, Path.took_ns
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""
 
 
 class InUse(Record):

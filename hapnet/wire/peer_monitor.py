@@ -136,7 +136,7 @@ class PeerMonitor(Record):
 
 @equation
 def on_position(monitor: PeerMonitor, now_ns: int, since: int) -> None:
-    """`PeerMonitor.on_position`."""
+    """Enter a new position, and return the silence that it ends, if any: `PeerMonitor.on_position`."""
     missing = since - 1 if since > 0 else since
     monitor.received += 1
     if missing:
@@ -156,4 +156,4 @@ def on_position(monitor: PeerMonitor, now_ns: int, since: int) -> None:
 
 
 on_any_message = PeerMonitor.on_any_message
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""

@@ -52,7 +52,7 @@ class ReplayWindow(Record):
 
 
 accept, restart = ReplayWindow.accept, ReplayWindow.restart
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""
 
 
 def stale_detail(name: str, number: int, place: int) -> str:

@@ -76,10 +76,10 @@ class RtoEstimator(Record):
 
 @equation
 def timeout_ns(rto: RtoEstimator) -> int:
-    """`RtoEstimator.rto_ns`."""
+    """The timeout to set now, back-off included [ns]: `RtoEstimator.rto_ns`."""
     doubled_ns = rto.base_ns << rto.backed_off
     return doubled_ns if doubled_ns < rto.ceiling_ns else rto.ceiling_ns
 
 
 sample, back_off = RtoEstimator.sample, RtoEstimator.back_off
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""

@@ -1,4 +1,4 @@
-"""A secret that only the two sides of a pair know, and the tags that it puts under frames.
+"""A secret that only the two sides of a pair have, and the tags that it puts under frames.
 
 Each process has a key pair of X25519 (RFC 7748). Its public half is in its hello and its welcome; both sides derive
 the same key from it (RFC 5869). A tag is HMAC-SHA-256 (RFC 2104) of all the frame's bytes before it, cut to 8 bytes.
@@ -210,7 +210,7 @@ class Keys:
         """Check that a message is sealed, if its sender shares a key with this side.
 
         In a pair that encrypts, only byes and refusals are sealed. If the peer cannot encrypt, streams are not sealed:
-        PSPM pays for each set-position, whoever sends it. `is_proven` checks hellos and welcomes.
+        PSPM pays for each set-position, from any sender. `is_proven` checks hellos and welcomes.
 
         Raises BadMessage: it is not.
         """

@@ -132,7 +132,7 @@ class Session:
 
     @property
     def monitor(self) -> PeerMonitor:
-        """The monitor of when the peer was heard."""
+        """The monitor of the peer's messages and silences."""
         return self._monitor
 
     @property
@@ -302,7 +302,7 @@ class Session:
 
     @property
     def unanswered_ns(self) -> int:
-        """For how long positions came without an acknowledgement of the energy in flight [ns]; 0: none is in flight."""
+        """The time in which positions came, but no acknowledgement of the energy in flight [ns]; 0: none in flight."""
         return self._channel.unanswered_ns(self._monitor.heard_ns)
 
     @property

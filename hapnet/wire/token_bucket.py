@@ -69,4 +69,4 @@ class TokenBucket(Record):
 
 
 take, due_ns = TokenBucket.take, TokenBucket.due_ns
-"""The same as functions, which equations call."""
+"""These methods as functions, for calls from equations."""

@@ -80,7 +80,7 @@ async def test_two_sides_run_part_and_agree(tmp_path: Path) -> None:
         of_world, of_device = await asyncio.gather(world.end(), device.end())
     [at_device], [at_world] = device.reported("paired"), world.reported("paired")
     assert at_device.startswith("paired with the world, encrypted, key ")
-    assert at_device.endswith("; the world must show the same: nobody has proved who it is")
+    assert at_device.endswith("; the world must show the same: its identity is not proved")
     assert at_device.replace("the world", "the device") == at_world  # the key too
     up, down = of_device["device"], of_world["world"]
     for summary in (up, down):

@@ -173,7 +173,7 @@ def test_a_sensor_that_fails_never_jumps_the_hand(fault: Callable[[float], Any])
     pair.run(400)
     assert np.mean(pair.felt[-50:]) < 0.7 * steady
     assert pair.events[-2:] == [
-        f"the contact force of {HERE}:Robot is missing: the hand feels none",
+        f"the contact force of {HERE}:Robot is missing: it counts as zero",
         f"the contact force of {HERE}:Robot is measured again",
     ]
     assert np.abs(np.diff(pair.felt)).max() <= 0.5 + 1e-9

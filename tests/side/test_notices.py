@@ -85,7 +85,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             Contradiction("acked", "7 of 5 nJ"),
             Notice(
                 "contradiction",
-                "somebody else speaks in the world's name (7 of 5 nJ): it is not known whether this run is passive",
+                "another sender uses the world's name (7 of 5 nJ): it is not known whether this run is passive",
                 7 * SECOND,
                 "error",
                 {"kind": "acked"},

@@ -1,5 +1,5 @@
-"""Whole scenarios under any of the couplings, compiled by numba, each kind on its own (kinds.py).
+"""Compiles whole scenarios under any of the couplings with numba, each kind of scenario separately (kinds.py).
 
 The equations are those of `control`, `couplings`, `plant`, `mechanics` and `wire`: functions over records, of which
-twins.py makes compiled twins. What is here is the order in which a scenario calls them, and its link.
+twins.py makes compiled twins. This package adds the order in which a scenario calls them, and its link.
 """

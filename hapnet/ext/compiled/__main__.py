@@ -1,4 +1,4 @@
-"""The process that compiles for another one, which goes on with plain Python: see `background`."""
+"""A process that compiles in the background while its parent runs plain Python: see `background`."""
 
 from hapnet.ext.compiled.background import serve
 

@@ -1,4 +1,4 @@
-"""A tick of a simulated arm as one compiled call, in real time and in virtual time; its record stays Python's too."""
+"""A tick of a simulated arm as one compiled call, in real time and in virtual time; Python uses the same record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hapnet.records.record import FloatRows, Record, equation
 
 
 class ArmEnd(Record):
-    """The arm, and the hand's reference at a tick's begin and end [m] or [rad]. work : of the hand in it [J]."""
+    """The arm, and the hand's reference at a tick's begin and end [m] or [rad]. work : the hand's, in the tick [J]."""
 
     arm: Arm
     path: Annotated[FloatRows, (2, JOINTS)]
@@ -21,11 +21,11 @@ class ArmEnd(Record):
 
 @equation
 def tick(end: ArmEnd) -> None:
-    """A tick of the arm."""
+    """Make a tick of the arm."""
     end.work = motion.tick(end.arm, end.path, 0)
 
 
 def enter(ends: Sequence[ArmEnd]) -> bool:
-    """Make a tick. Compiled code is entered by this."""
+    """Make a tick. This is the entry to the compiled code."""
     tick(ends[0])
     return True

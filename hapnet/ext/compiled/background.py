@@ -1,4 +1,4 @@
-"""Compiles in a process of the lowest priority, while plain Python makes the runs."""
+"""Compiles in a process of the lowest priority, while plain Python executes the runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hapnet.records.machine_code import directory
 class Background:
     """A process that compiles `names` (of the catalogue) one after the other; use it as a context, which ends it.
 
-    It also ends when this process does. What it has compiled by then serves later runs. The progress goes to
+    It also ends when this process does. Later runs use all that it has compiled by then. It reports the progress to
     `progress.reported`.
     """
 
@@ -43,7 +43,7 @@ class Background:
 
     @property
     def is_done(self) -> bool:
-        """Whether all of it is compiled."""
+        """Whether all names are compiled."""
         return self._process.poll() is not None and all(map(sources.are_compiled, self._names))
 
     def _read(self, report: Callable[[float], None]) -> None:
@@ -54,7 +54,7 @@ class Background:
 
 
 def serve() -> None:
-    """Compile what the command line names, and print each share that is done, until the standard input ends."""
+    """Compile the names of the command line, and print the share done so far; end when the standard input ends."""
     names = sys.argv[1:]
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError):
@@ -84,7 +84,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def alone(name: str, *, wait: bool = False) -> Iterator[bool]:
-    """Whether no other process compiles this; Windows cannot tell. `wait` : until none does."""
+    """Yield whether no other process compiles this; always True on Windows. `wait` : first wait until none does."""
     with (directory() / f"{name}.lock").open("w") as lock:
         if sys.platform != "win32":
             import fcntl

@@ -1,7 +1,7 @@
-"""Records of plain Python whose fields lie in compiled memory: Python and compiled code work on the same ones.
+"""Python records with fields in the memory of compiled code: Python and compiled code share them.
 
 So nothing is copied when a servo's tick is compiled and the rest of its side is not. A bound record is read and written
-as before, at twice the time: its class gets a property for each field.
+as before, in twice the time: its class gets a property for each field.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ _SCALARS: dict[type, Any] = {float: ctypes.c_double, int: ctypes.c_int64}
 
 
 def memory(kind: Any, axes: int = AXES) -> tuple[NDArray[Any], Any]:
-    """A record of this kind, all zero, with room for so many axes: as an array of one, which a compiled function takes,
-    and its place, where the fields are read and written."""
+    """Return a zero record of this kind with room for `axes` axes: as an array of length 1 for compiled functions, and
+    as its place, a ctypes structure in the same memory, for Python to read and write the fields."""
     array: Any = np.zeros(1, layout(kind, axes))
     place: Any = _structure(kind, axes).from_buffer(array)  # it has the record's names
     return array, place
 
 
 def copy(place: R, record: R) -> None:
-    """Copy a record, and all that is in it, to its place."""
+    """Copy a record and its inner records to a place."""
     for name, (of, shape) in _fields(type(record)).items():
         _write(place, name, of, shape, getattr(record, name))
 
 
 def read(kind: type[R], place: R, axes: int) -> R:
-    """A record of plain Python, like the one at a place but with so many axes; it has no arrays of records in it."""
+    """Return the record at a place as a plain Python record with `axes` axes; arrays of records are not supported."""
     record = kind.__new__(kind)
     for name, (of, shape) in _fields(kind, axes).items():
         value = getattr(place, name)
@@ -52,22 +52,22 @@ def read(kind: type[R], place: R, axes: int) -> R:
 
 
 class Move:
-    """Moves records that know each other to memory: each gets a new record, whose fields lie there, in its place.
+    """Moves records that refer to each other to memory: replaces each by a new record with its fields there.
 
-    Whoever is moved later knows the new ones of those that were moved before. Nobody uses the old ones any more.
+    Records moved later refer to the new versions of records moved before. Do not use the old records afterwards.
 
-    copied : records of these classes are only copied. Nobody writes into them, but several sides share them.
+    copied : records of these classes are only copied: several sides share them, and none writes to them.
     """
 
     def __init__(self, copied: tuple[type[Record], ...] = ()) -> None:
         self._copied = copied
-        self._moved: dict[int, tuple[Record, Record]] = {}  # with the old ones, so that no other gets their number
+        self._moved: dict[int, tuple[Record, Record]] = {}  # keeps the old records alive, so that their ids stay unique
 
     def to(self, place: Any, record: Record, as_kind: type[Record] | None = None) -> Any:
-        """The new record, with new ones in it.
+        """Return the new record, with its inner records replaced too.
 
-        place : a `memory`, or a field of it. as_kind : its class, one that adds methods to that of `record`; None: the
-        same.
+        place : a `memory`, or a field of it. as_kind : the new record's class, which adds methods to that of `record`;
+        None: the same class.
         """
         kind: Any = as_kind or type(record)
         bound = _bound(kind)
@@ -86,14 +86,14 @@ class Move:
         return made
 
     def _new(self, value: Any) -> Any:
-        """The value of another attribute than a field: a record in it, alone or in a tuple, may have been moved."""
+        """The new value of an attribute that is not a field: moved records, alone or in a tuple, are replaced."""
         if type(value) is tuple:
             return tuple([self._new(one) for one in value])
         return self._moved.get(id(value), (value, value))[1]
 
 
 def move_on(place: Any, record: Record) -> None:
-    """Move a record that `Move` has made to another place; it has no records in it."""
+    """Move a record that `Move` has made to another place; it must not contain records."""
     views = SimpleNamespace()
     for name, (of, shape) in _fields(type(record)).items():
         value = getattr(record, name)
@@ -110,7 +110,7 @@ def _fields(kind: Any, axes: int = AXES) -> dict[str, tuple[Any, tuple[int, ...]
 
 @cache
 def _structure(kind: Any, axes: int) -> type[ctypes.Structure]:
-    """The layout of a record, as `memory.layout` has it."""
+    """The ctypes class with the layout of `memory.layout`."""
     described = []
     for name, (of, shape) in _fields(kind, axes).items():
         one: Any = _structure(of, axes) if issubclass(of, Record) else _SCALARS[of]
@@ -124,7 +124,7 @@ def _structure(kind: Any, axes: int) -> type[ctypes.Structure]:
 
 @cache
 def _bound(kind: Any) -> Any:
-    """The class of bound records of this kind; it may be such a class already."""
+    """Return the class of bound records of this kind; `kind` itself if it is such a class already."""
     if any("bound_at" in vars(one) for one in kind.__mro__):
         return kind
     return type(kind.__name__, (kind,), {"bound_at": None, **_properties(kind)})
@@ -147,7 +147,7 @@ def _property(name: str, of: type, shape: tuple[int, ...]) -> property:
 
 
 def _view(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -> Any:
-    """Return a bound record's form of a vector as long as `value`; records in a vector are Python's own."""
+    """Return a view of a vector field with the length of `value`; other values are returned unchanged."""
     if issubclass(of, Record) or not shape:
         return value
     whole = getattr(place, name)
@@ -157,7 +157,7 @@ def _view(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -
 
 
 def _write(place: Any, name: str, of: type, shape: tuple[int, ...], value: Any) -> None:
-    """Copy a field to its place; of a vector as many elements as it has."""
+    """Copy a field to its place; a vector may be shorter than the place."""
     if not shape:
         if issubclass(of, Record):
             copy(getattr(place, name), value)

@@ -1,4 +1,4 @@
-"""All that can be compiled, by name: kinds of whole scenarios, and the ends of a side."""
+"""The catalogue of all that can be compiled: kinds of whole scenarios, and the ends of a side."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from hapnet.ext.compiled.names import ARM, HANDLE, SERVO, WORLD, Kind, named
 from hapnet.records.record import AXES
 
 _MANY_AXES = 12
-"""A tool's end, or that of an arm with more joints than `AXES`, has room for so many."""
+"""The room in axes of a tool's end, and of the end of an arm with more than `AXES` joints."""
 
 
 def of_coupling(name: str) -> dict[str, Kind]:
-    """The kinds of scenarios that a coupling has, among walls and among solids, by name; none if it is not compiled."""
+    """A coupling's kinds of scenarios among walls and among solids, by name; empty if it cannot be compiled."""
     compiled = COUPLINGS[name].compiled
     kinds = [] if compiled is None else [Kind(*compiled, solid) for solid in (False, True)]
     return {kind.name: kind for kind in kinds}
@@ -28,7 +28,7 @@ def ends() -> list[str]:
 
 
 def labels() -> dict[str, str]:
-    """The names in words, as a user reads them: the couplings of a kind with what surrounds the mass, or the end."""
+    """Labels for users, by name: the couplings of a kind and the mass's surroundings, or the end."""
     laws: dict[Kind, list[str]] = {}
     for law in COUPLINGS:
         for kind in of_coupling(law).values():

@@ -1,4 +1,4 @@
-"""`hapnet compile`: makes the machine code of runs and servos now, with progress."""
+"""The command `hapnet compile`: makes the machine code of runs and servos now, and shows the progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One side's endpoint: `hapnet.side.endpoint`, and what of `hapnet.wire.session` a pair needs after its handshake."""
+"""One side's compiled endpoint: `hapnet.side.endpoint`, and the parts of `hapnet.wire.session` after the handshake."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from hapnet.wire.stream import BACKLOG, Integral, integrate
 _MAX_COORDINATE = MAX_COORDINATE
 
 POSITION, PROXY, MOTION, PORT, WAVE = range(5)
-"""What a side sends."""
+"""The kinds of messages in a side's stream."""
 
 MOST_AMOUNT = 1e6
-"""Of a port's energy [J], and of a wave's span [s]."""
+"""The highest energy of a port [J], and span of a wave [s]."""
 
 CREDITS = 256
-"""How many credits may wait for the next tick."""
+"""The number of credits that may wait for the next tick."""
 
 
 class Endpoint(Record):
     """The state of one endpoint besides its channel and its path.
 
-    first, waiting, backlog : the samples that wait for the next tick are a ring. credits : how many credits wait too.
+    first, waiting, backlog : the ring of samples that wait for the next tick. credits : the number of waiting credits.
     used : the newest sample in use.
-    kind : what it sends. waves : are waves sent to it? accepts_stale : does it accept such messages?
-    stream_bytes, energy_bytes : the smallest size of its messages. plane_bytes, level_bytes : what each plane, and the
-    level, add. stale, leaps : messages that were dropped; last_stale, stale_place : the last stale one's number and
-    place. impossible : it would send what no receiver accepts.
+    kind : of the messages that it sends. waves : 1 if it receives waves. accepts_stale : 1 if it uses stale messages.
+    stream_bytes, energy_bytes : the smallest sizes of its messages. plane_bytes, level_bytes : the bytes that each
+    plane and the level add. stale, leaps : the numbers of dropped messages; last_stale, stale_place : number and place
+    of the last stale message. impossible : not 0 if it would send a message that no receiver accepts.
     """
 
     n: int
@@ -66,8 +66,8 @@ class Endpoint(Record):
 
 
 class Wire(Record):
-    """An endpoint with its channel, what it knows of peer and path, the waves that it has seen, the integral of those
-    that it sent, the samples that wait, when they came and how long they took [ns], and the credits that wait [nJ]."""
+    """An endpoint with its channel, peer monitor and path, the window of received waves, the integral of sent waves,
+    the waiting samples, their arrivals and durations [ns], and the waiting credits [nJ]."""
 
     endpoint: Endpoint
     channel: EnergyChannel
@@ -82,7 +82,7 @@ class Wire(Record):
 
 
 class PortRecord(Record):
-    """A side's protocol, and the link that carries what it sends: a `LinkPort`."""
+    """A side's protocol, and the link for all that it sends, in place of a `LinkPort`."""
 
     wire: Wire
     link: LinkRecord
@@ -90,7 +90,7 @@ class PortRecord(Record):
 
 @equation
 def receive(wire: Wire, message: MessageSlot, now_ns: int) -> None:
-    """`WireHalf.receive`: a message of the peer arrives."""
+    """Process a message that arrives from the peer, as `WireHalf.receive` does."""
     if message.kind == STREAM:
         _on_stream(wire, message, now_ns)
         return
@@ -100,7 +100,7 @@ def receive(wire: Wire, message: MessageSlot, now_ns: int) -> None:
 
 @equation
 def credit(wire: Wire, credited_nJ: int) -> None:
-    """`ControlHalf.credit`."""
+    """Add a credit for the next tick, as `ControlHalf.credit` does."""
     if credited_nJ:
         endpoint = wire.endpoint
         if endpoint.credits == CREDITS:
@@ -112,7 +112,7 @@ def credit(wire: Wire, credited_nJ: int) -> None:
 
 @equation
 def _on_stream(wire: Wire, message: MessageSlot, now_ns: int) -> None:
-    """`Session._on_stream`."""
+    """Process a message of the peer's stream: use it, or count it as dropped."""
     endpoint, path, sequence = wire.endpoint, wire.path, message.sequence
     once = endpoint.waves != 0
     place = arrive(
@@ -129,7 +129,7 @@ def _on_stream(wire: Wire, message: MessageSlot, now_ns: int) -> None:
 
 @equation
 def _put(wire: Wire, message: MessageSlot, now_ns: int, took_ns: int) -> None:
-    """`ControlHalf.on_sample`: of too many samples the oldest is forgotten."""
+    """Add a sample for the next tick, as `ControlHalf.on_sample` does; a full ring drops the oldest sample."""
     endpoint = wire.endpoint
     if endpoint.waiting == endpoint.backlog:
         endpoint.first = (endpoint.first + 1) % endpoint.backlog
@@ -142,7 +142,7 @@ def _put(wire: Wire, message: MessageSlot, now_ns: int, took_ns: int) -> None:
 
 @equation
 def send_due(wire: Wire, link: LinkRecord, now_ns: int) -> None:
-    """`LinkPort.send_due`: the energy that is due goes to the link."""
+    """Offer the energy message that is due to the link, as `LinkPort.send_due` does."""
     credit(wire, channels.admit(wire.channel, now_ns))
     total_nJ = channels.poll(wire.channel, now_ns)
     if total_nJ >= 0:
@@ -155,13 +155,13 @@ def send_due(wire: Wire, link: LinkRecord, now_ns: int) -> None:
 
 @equation
 def surface_bytes(endpoint: Endpoint, message: MessageSlot) -> int:
-    """How many bytes it takes to say how the planes bend and rub: walls do neither. See solids.py."""
+    """Return 0, the bytes for curvature and friction of walls. solids.py replaces this function."""
     return 0
 
 
 @equation
 def finish(wire: Wire, message: MessageSlot, now_ns: int, amount: float) -> None:
-    """`PositionStream`: number and stamp a message of the stream; vectors, and a proxy's content, are there.
+    """Number and stamp a message of the stream, as `PositionStream` does; vectors and a proxy's content are in it.
 
     amount : a port's energy [J], or a wave's span [s].
     """
@@ -207,7 +207,7 @@ def _within(n: int, vector: Reals) -> bool:
 
 @equation
 def _width(value: int) -> int:
-    """How many bytes msgpack takes for a whole number."""
+    """The number of bytes that msgpack takes for a whole number."""
     if value < 1 << 7:
         return 1
     if value < 1 << 8:
@@ -219,5 +219,5 @@ def _width(value: int) -> int:
 
 @equation
 def has_room(link: LinkRecord) -> bool:
-    """Whether there are draws for all that one event may send."""
+    """Whether there are enough draws for all messages that one event may send."""
     return link.drawn - (link.counters.offered - link.begun) >= 2

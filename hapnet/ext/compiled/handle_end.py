@@ -1,4 +1,4 @@
-"""A tick of a simulated handle as one compiled call, in real and in virtual time. Its record stays Python's too."""
+"""A tick of a simulated handle as one compiled call, in real and in virtual time; Python uses the same record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hapnet.records.record import FloatRows, Record, equation
 
 
 class HandleEnd(Record):
-    """The handle, and the hand's reference at a tick's begin and end [m]. work : of the hand in it [J]."""
+    """The handle, and the hand's reference at a tick's begin and end [m]. work : the hand's, in the tick [J]."""
 
     handle: Handle
     path: Annotated[FloatRows, (2, AXES)]
@@ -21,11 +21,11 @@ class HandleEnd(Record):
 
 @equation
 def tick(end: HandleEnd) -> None:
-    """A tick of the handle."""
+    """Make a tick of the handle."""
     end.work = handles.tick(end.handle, end.path)
 
 
 def enter(ends: Sequence[HandleEnd]) -> bool:
-    """Make a tick. Compiled code is entered by this."""
+    """Make a tick. This is the entry to the compiled code."""
     tick(ends[0])
     return True

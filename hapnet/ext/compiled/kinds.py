@@ -1,6 +1,6 @@
-"""The kinds of scenarios, each compiled on its own: by the coupling's two ends, and by what surrounds the mass.
+"""The kinds of scenarios, each compiled separately: they differ in the coupling's two ends and the mass's surroundings.
 
-A side whose end is a law has the law's record in it, and calls the law's equations; a side of set-positions is that of
+A side whose end is a law contains the law's record, and calls the law's equations; a side of set-positions is that of
 sides.py.
 """
 
@@ -30,11 +30,11 @@ OF_SET_POSITIONS: Choices = {
     steps.answer: sides.answer, steps.settle: sides.settle, ticks.measure: sides.measure,
     ticks.take: sides.take_at_device, ticks.act: sides.act, ticks.hold: sides.hold,
 }  # fmt: skip
-"""What is compiled where the world's end is one of set-positions, and the mass is among walls."""
+"""The functions compiled in place of others for ends of set-positions and a mass among walls."""
 
 
 def choices(kind: Kind) -> Choices:
-    """The functions to compile in place of others."""
+    """The functions to compile in place of others for this kind."""
     chosen: Choices = OF_SET_POSITIONS | simulation.CHOICES | link.CHOICES
     if (device := kind.device) is not None:
         chosen |= device.lines() | {
@@ -60,7 +60,7 @@ def choices(kind: Kind) -> Choices:
 
 @cache
 def scenario(kind: Kind) -> type[Scenario]:
-    """The record of such a scenario."""
+    """The record class of a scenario of this kind."""
     made: dict[str, type[Record]] = {}
     if kind.solid:
         made["world"] = holding(sides.WorldSideRecord, contacts=SolidContact)

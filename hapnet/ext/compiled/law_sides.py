@@ -1,4 +1,4 @@
-"""A tick and a step of the sides whose end is a law: `LawServo` and `LawSteps` between device, mass and wire."""
+"""A tick and a step of sides with a law as their end: `LawServo` and `LawSteps` between device, mass and wire."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NANO = 1e-9
 
 
 class LawDevice(HeldDevice):
-    """Everything of the device's side. last_ns : when the last tick was. dt : the length of the running one [s]."""
+    """The state of the device's side. last_ns : time of the last tick. dt : length of the current tick [s]."""
 
     last_ns: int
     ticks: int
@@ -40,7 +40,7 @@ class LawDevice(HeldDevice):
 
 
 class LawWorld(Record):
-    """Everything of the world's side."""
+    """The state of the world's side."""
 
     stepped: Steps
     mass: PassiveIntegrator
@@ -52,7 +52,7 @@ class LawWorld(Record):
 
 @equation
 def measure(side: LawDevice, hand: Hand, now_ns: int) -> None:
-    """The device moves, is read, and its work is counted."""
+    """Advance the device, read it, and count its work."""
     side.dt = max((now_ns - side.last_ns) * _NANO, side.plant.period)
     held_device.live(side, hand, 1)
     devices.read(side.plant)
@@ -61,7 +61,7 @@ def measure(side: LawDevice, hand: Hand, now_ns: int) -> None:
 
 @equation
 def take_from_world(side: LawDevice, port: PortRecord, now_ns: int) -> None:
-    """Give the device's law what has arrived."""
+    """Pass the arrived samples to the device's law."""
     law, endpoint = side.law, port.wire.endpoint
     for k in range(endpoint.waiting):
         sample = note(port.wire, k)
@@ -71,7 +71,7 @@ def take_from_world(side: LawDevice, port: PortRecord, now_ns: int) -> None:
 
 @equation
 def act(side: LawDevice, port: PortRecord, now_ns: int) -> MessageSlot:
-    """The law runs; if a sample is due, it is in the message."""
+    """Run the law; returns the message with its sample, of kind `NOTHING` if none is due."""
     law, n, message = side.law, side.plant.dof, links.spare(port.link, 0)
     x, v = side.plant.read_position, side.plant.read_velocity
     if laws.tick(side.servo, side.coupling, law, side.dt, x, v):
@@ -87,13 +87,13 @@ def act(side: LawDevice, port: PortRecord, now_ns: int) -> MessageSlot:
 
 @equation
 def hold(side: LawDevice) -> None:
-    """The device holds the law's force."""
+    """Let the device hold the law's force."""
     held_device.apply(side)
 
 
 @equation
 def advance(side: LawWorld, dt: float) -> None:
-    """`LawSteps.advance`."""
+    """Move the mass through a step of `dt` seconds under the law's force, as `LawSteps.advance` does."""
     mass, law = side.mass, side.law
     pull = drag(law, dt)
     integrator.factored(mass, dt, pull)
@@ -104,7 +104,7 @@ def advance(side: LawWorld, dt: float) -> None:
 
 @equation
 def take_from_device(side: LawWorld, port: PortRecord, now_ns: int) -> None:
-    """Give the world's law what has arrived."""
+    """Pass the arrived samples to the world's law."""
     law, endpoint = side.law, port.wire.endpoint
     for k in range(endpoint.waiting):
         sample = note(port.wire, k)
@@ -115,7 +115,7 @@ def take_from_device(side: LawWorld, port: PortRecord, now_ns: int) -> None:
 
 @equation
 def answer(side: LawWorld, port: PortRecord, now_ns: int, dt: float) -> MessageSlot:
-    """`WorldControl.answer`."""
+    """Run the law at the onset of the next step, and return its message, as `WorldControl.answer` does."""
     mass, law, message = side.mass, side.law, links.spare(port.link, 0)
     counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, 0.0)
     copy(mass.n, law.outgoing.value, message.position)
@@ -127,7 +127,7 @@ def answer(side: LawWorld, port: PortRecord, now_ns: int, dt: float) -> MessageS
 
 @equation
 def of_device(row: DeviceRow, side: LawDevice, n: int) -> None:
-    """Fill in a law's part of a `DeviceSample`: no parts of the force."""
+    """Fill in a law's fields of a `DeviceSample`; the parts of the force are NaN."""
     copy(n, side.law.y, row.set_position_m)
     copy(n, side.law.y, row.target_m)
     for i in range(n):
@@ -138,7 +138,7 @@ def of_device(row: DeviceRow, side: LawDevice, n: int) -> None:
 
 @equation
 def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
-    """Fill in a law's part of a `WorldSample`."""
+    """Fill in a law's fields of a `WorldSample`."""
     copy(n, side.law.y, row.set_position_m)
     copy(n, side.law.y, row.target_m)
     row.reservoir_J, row.potential_J = side.coupling.account, 0.0
@@ -146,7 +146,7 @@ def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
 
 @equation
 def update(side: LawWorld, dt: float, x: Reals, dissipated: float) -> bool:
-    """`LawSteps.update`: what it says is then in `outgoing`."""
+    """Run the law at the onset of a step, as `LawSteps.update` does; its sample is then in `outgoing`."""
     begin(side.law)
     say_at_world(side.law)
     return True
@@ -154,57 +154,57 @@ def update(side: LawWorld, dt: float, x: Reals, dissipated: float) -> bool:
 
 @equation
 def no_potential(coupling: LawAccount, x: Reals) -> float:
-    """A law keeps account of its own springs."""
+    """Return 0: a law's account includes its own springs."""
     return 0.0
 
 
 @equation
 def no_energy(side: HeldDevice) -> float:
-    """The same."""
+    """Return 0: a law's account includes its own springs."""
     return 0.0
 
 
 @equation
 def account_of(side: HeldDevice) -> float:
-    """The law's share of d^2 [J]."""
+    """The law's share of d^2 [J], from its account."""
     return side.coupling.account
 
 
 def take_at_device(law: DeviceEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-    """`take` of the device's law. It and those below are compiled as the methods of a law's ends: see kinds.py."""
+    """Pass a sample to the device's law. kinds.py replaces this and the next functions by methods of a law's ends."""
     law.take(value, more, amount, total_s)
 
 
 def say_at_device(law: DeviceEnd, x: Reals, v: Reals) -> None:
-    """`say` of the device's law."""
+    """Write the next sample of the device's law into `outgoing`."""
     law.say(x, v)
 
 
 def take_at_world(law: WorldEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
-    """`take` of the world's law."""
+    """Pass a sample to the world's law."""
     law.take(value, more, amount, total_s)
 
 
 def stamped(law: WorldEnd, value: Reals, sent_s: float, age_s: float) -> None:
-    """`stamp` of the world's law."""
+    """Pass the sending time and age of a sample's value to the world's law, before the sample itself."""
     law.stamp(value, sent_s, age_s)
 
 
 def begin(law: WorldEnd) -> None:
-    """`begin` of the world's law."""
+    """Begin a step of the world's law, with the samples that have arrived by now."""
     law.begin()
 
 
 def drag(law: WorldEnd, dt: float) -> float:
-    """`drag` of the world's law."""
+    """Return the drag of the world's law in a step [Ns/m], and put its push into `push`."""
     return law.drag(dt)
 
 
 def moved(law: WorldEnd, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
-    """`moved` of the world's law."""
+    """Pass the mass's motion in a step to the world's law: mean velocity, then position and velocity at its end."""
     law.moved(dt, vhat, x, v)
 
 
 def say_at_world(law: WorldEnd) -> None:
-    """`say` of the world's law."""
+    """Write the next sample of the world's law into `outgoing`."""
     law.say()

@@ -1,4 +1,4 @@
-"""One direction of the link, whose effects are those of `netem.offering`: its queue, and the messages in it."""
+"""One direction of the link, with the effects of `netem.offering`: its queue, and the messages in the queue."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ STREAM, ENERGY, NOTHING = 0, 1, 2
 """The kinds of messages."""
 
 LOST, AHEAD = 1, 2
-"""What the draws decide about a message, added up."""
+"""Bits for the outcome of a message's draws; `fates` has their sum."""
 
 MOST_IN_FLIGHT, DRAWS = 2048, 512
-"""There is room for so many messages on a link, and for so many draws."""
+"""The room for messages on a link, and for draws."""
 
 SPARE = 2
 """The last slots of a link are for messages that are being made."""
 
 
 class MessageSlot(Record):
-    """A message, and where it is on the link.
+    """A message, and its place on the link.
 
-    kind : `STREAM` or `ENERGY`; `NOTHING`: no message was made. order : its number on the link. offered_ns : when it
-    was offered. octets : its size.
-    sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; of a proxy besides aimed_ns, force, planes;
-    of a law's `more` (a motion's velocity, a wave's integral), `amount` (a port's energy [nJ], a wave's span [ns]), and
-    elapsed_ns (of the integral).
-    total_nJ, acked_nJ : of an energy message. level : how full its sender's reservoir is; below 0: not sent. reach_m :
-    of a proxy; below 0: not sent.
+    kind : `STREAM` or `ENERGY`; `NOTHING`: no message was made. order : its number on the link. offered_ns : the time
+    of the offer. octets : its size.
+    sequence, stamp_ns, position, echo_ns, came_ns : of a stream's message; a proxy adds aimed_ns, force, planes;
+    a law's message adds `more` (a motion's velocity, a wave's integral), `amount` (a port's energy [nJ], a wave's span
+    [ns]), and elapsed_ns (of the integral).
+    total_nJ, acked_nJ : of an energy message. level : the fill level of the sender's reservoir; below 0: not sent.
+    reach_m : of a proxy; below 0: not sent.
     """
 
     kind: int
@@ -63,7 +63,7 @@ class MessageSlot(Record):
 
 
 class LinkCounters(Record):
-    """`netem.stats.Counters`."""
+    """The link's counters of messages, as in `netem.stats.Counters`."""
 
     offered: int
     lost: int
@@ -80,7 +80,7 @@ class LinkCounters(Record):
 
 
 class ResendsRecord(Record):
-    """`netem.resend.Resends`."""
+    """The link's resends, as in `netem.resend.Resends`."""
 
     times: int
     after_ns: int
@@ -89,7 +89,7 @@ class ResendsRecord(Record):
 
 
 class RateLineRecord(Record):
-    """`netem.line.RateLine`."""
+    """A line with a bit rate, as `netem.line.RateLine`."""
 
     rate_bit_s: int
     overhead: int
@@ -101,11 +101,11 @@ class RateLineRecord(Record):
 
 
 class LinkRecord(Record):
-    """`netem.Link`, its messages in slots, its queue, and the draws of each message.
+    """The state of a `netem.Link`: its messages in slots, its queue, and the draws of each message.
 
     queued : number of messages in the queue. capacity : of the queue, at most `limit`. due_ns, slots : the queue,
     latest first. unused, free_slots : the slots without a message.
-    drawn, begun : number of draws, and how many messages were offered before the first. fates : `LOST` and `AHEAD`.
+    drawn, begun : number of draws, and of messages offered before the first draw. fates : `LOST` and `AHEAD`.
     delivered, delivered_ns : the delays of the delivered messages. overflow : the queue is too small.
     """
 
@@ -141,13 +141,13 @@ class LinkRecord(Record):
 
 @equation
 def spare(link: LinkRecord, which: int) -> MessageSlot:
-    """The slot in which a message is made."""
+    """The spare slot with this number, in which a message is made."""
     return link.messages[MOST_IN_FLIGHT + which]
 
 
 @equation
 def next_due_ns(link: LinkRecord) -> int:
-    """`LinkRecord.next_due_ns`."""
+    """The time at which the next message is due [ns]; `NEVER`: the queue is empty."""
     return link.due_ns[link.queued - 1] if link.queued else NEVER
 
 
@@ -160,7 +160,7 @@ for function in (
 
 @equation
 def passes(link: LinkRecord) -> bool:
-    """`LinkRecord.passes`."""
+    """Offer and deliver a message at once if the link has no effect now, as `netem.offering.passes` does."""
     of_records: Any = link
     return offering.passes(of_records)
 
@@ -178,14 +178,14 @@ def _count_delay(link: LinkRecord, delay_ns: int) -> None:
 
 @equation
 def send(link: LinkRecord, now_ns: int, message: MessageSlot) -> None:
-    """`LinkRecord.send`: offer a message."""
+    """Offer a message to the link, as `netem.Link.send` does."""
     of_records: Any = link
     offering.offer(of_records, now_ns, message, message.octets)
 
 
 @equation
 def _draw(link: LinkRecord, now_ns: int) -> tuple[bool, bool, bool, int, float]:
-    """Nothing is corrupted, and there are no traces."""
+    """Return the draws of the message: lost, corrupted (never), ahead, delay [ns], luck. There are no traces."""
     at = link.counters.offered - 1 - link.begun
     return link.fates[at] & LOST != 0, False, link.fates[at] & AHEAD != 0, link.delays_ns[at], link.luck[at]
 
@@ -224,12 +224,12 @@ def _put_ahead(link: LinkRecord, now_ns: int, order: int, message: MessageSlot) 
 def _put_beside(
     link: LinkRecord, offered_ns: int, order: int, message: MessageSlot, now_ns: int, size: int, delay_ns: int
 ) -> None:
-    """No link that is compiled has this."""
+    """Do nothing: on a compiled link no message reaches the line later than it was offered."""
 
 
 @equation
 def _put(link: LinkRecord, due_ns: int, order: int, message: MessageSlot, now_ns: int, size: int) -> None:
-    """Put a copy of the message into the queue, by its due time and its number."""
+    """Put a copy of the message into the queue, sorted by due time and number."""
     message.order, message.offered_ns = order, now_ns
     if link.queued == link.capacity:
         link.overflow = 1
@@ -247,7 +247,7 @@ def _put(link: LinkRecord, due_ns: int, order: int, message: MessageSlot, now_ns
 
 @equation
 def take(link: LinkRecord, now_ns: int) -> int:
-    """`LinkRecord.poll` of one message: its slot, which is then free; -1 if none is due."""
+    """Remove the next due message from the queue, as `netem.Link.poll` does, and return its slot; -1: none is due."""
     if link.queued == 0 or link.due_ns[link.queued - 1] > now_ns:
         return -1
     link.queued -= 1
@@ -264,12 +264,12 @@ def take(link: LinkRecord, now_ns: int) -> int:
 
 @equation
 def copy_surfaces(source: MessageSlot, target: MessageSlot) -> None:
-    """Copy how the planes bend and rub: walls do neither. See solids.py."""
+    """Do nothing: walls have no curvature and no friction. solids.py replaces this function."""
 
 
 @equation
 def copy_message(source: MessageSlot, target: MessageSlot) -> None:
-    """Copy a message."""
+    """Copy a message from one slot to another."""
     target.kind, target.order, target.offered_ns, target.octets = (
         source.kind, source.order, source.offered_ns, source.octets,
     )  # fmt: skip
@@ -294,4 +294,4 @@ CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {
     offering.is_full: _is_full, offering.cross: _cross, offering.put: _put, offering.put_ahead: _put_ahead,
     offering.put_beside: _put_beside, offering.is_under_way: _is_under_way, offering.count_delay: _count_delay,
 }  # fmt: skip
-"""What is compiled in place of functions of `netem.offering`."""
+"""The functions that are compiled in place of functions of `netem.offering`."""

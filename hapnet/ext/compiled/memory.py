@@ -1,4 +1,4 @@
-"""Records as compiled code has them: structures of numpy, which it reads and writes in place."""
+"""Records as numpy structures, which compiled code reads and writes in place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _UNUSED: dict[type[Record], list[Any]] = {}
 
 
 class _View:
-    """A structure with its fields as attributes: numpy's own records take many times as long."""
+    """A structure with its fields as attributes: numpy's own records are many times slower."""
 
     def __init__(self, structure: np.void) -> None:
         vars(self)["structure"] = structure
@@ -32,7 +32,7 @@ class _View:
             return found.item()
         elif found.dtype.names is not None:
             found = _Views(found)
-        vars(self)[name] = found  # it is a view of the same place, whatever is written there
+        vars(self)[name] = found  # a view of the same memory, so it stays up to date
         return found
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -58,26 +58,26 @@ def new(kind: type[R]) -> R:
     """A record of this kind, all zero."""
     unused = _UNUSED.get(kind)
     view: Any = unused.pop() if unused else _View(np.zeros(1, layout(kind))[0])
-    made: R = view  # it has the record's names
-    return made
+    record: R = view  # it has the record's names
+    return record
 
 
 def give_back(record: R, kind: type[R]) -> None:
-    """Nobody uses the record any more: `new` may return it. Its memory, and the views of it, are worth keeping."""
+    """Give back an unused record, so that `new` can return it again with its memory and views."""
     view: Any = record
     view.structure.base.view(np.uint8).fill(0)
     _UNUSED.setdefault(kind, []).append(record)
 
 
 def bare(record: R) -> R:
-    """The record as compiled code takes it."""
+    """The structure of the record, which compiled code takes."""
     view: Any = record
     taken: R = view.structure
     return taken
 
 
 def layout(kind: type[Record], axes: int = AXES) -> np.dtype[Any]:
-    """How the structure of a record with room for so many axes looks."""
+    """The numpy type of a record's structure with room for `axes` axes."""
     if (kind, axes) not in _LAYOUTS:
         described = []
         for name, type_ in fields(kind).items():
@@ -88,7 +88,7 @@ def layout(kind: type[Record], axes: int = AXES) -> np.dtype[Any]:
 
 
 def store(structure: R, record: R) -> None:
-    """Copy a record of plain Python into its structure, field by field; of vectors as many elements as it has."""
+    """Copy a plain Python record into its structure, field by field; vectors may be shorter than in the structure."""
     for name, of, dimensions in _plan(type(record)):
         value = getattr(record, name)
         if of is not None and not dimensions:
@@ -106,7 +106,7 @@ def store(structure: R, record: R) -> None:
 
 
 def load(record: R, structure: R) -> None:
-    """The reverse of `store`; a tuple stays as it is."""
+    """Copy a structure back into its plain Python record, as the reverse of `store`; tuples stay unchanged."""
     for name, of, dimensions in _plan(type(record)):
         if isinstance(getattr(record, name), tuple):
             continue
@@ -129,7 +129,7 @@ def load(record: R, structure: R) -> None:
 
 
 def _plan(kind: type[Record]) -> list[tuple[str, type[Record] | None, int]]:
-    """Of each field: its name, the kind of record that it has, and the number of its dimensions."""
+    """Each field's name, the kind of record in it (None: numbers), and its number of dimensions."""
     if kind not in _PLANS:
         found = [(name, *element(type_)) for name, type_ in fields(kind).items()]
         _PLANS[kind] = [(name, of if issubclass(of, Record) else None, len(shape)) for name, of, shape in found]

@@ -1,6 +1,6 @@
-"""The names of what can be compiled: kinds of whole runs, ends of a side, and simulated devices. It loads none of them.
+"""The names of all that can be compiled: kinds of whole runs, ends of a side, and simulated devices.
 
-A plain run asks only here, so that it does not load the code that is compiled.
+A plain run imports only this module, so that it does not load the code that is compiled.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from hapnet.records.record import AXES, room_for
 from hapnet.units import POSE
 
 SERVO, WORLD, ARM, HANDLE = "servo", "world", "arm", "handle"
-"""The ends, a simulated arm, and a handle that turns. `named` tells ends apart that have room for more axes."""
+"""The ends, a simulated arm, and a handle that turns. `named` adds the room of ends with more axes to the name."""
 
 
 class Kind(NamedTuple):
-    """The ends of a coupling; None: a set-position's. solid : is the mass among rigid solids, not among walls?"""
+    """The ends of a coupling; None: an end of set-positions. solid : the mass is among rigid solids, not walls."""
 
     device: type[DeviceEnd] | None = None
     world: type[WorldEnd] | None = None
@@ -28,19 +28,19 @@ class Kind(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Tells it from all other kinds."""
+        """The name of the kind, different for each kind."""
         ends = ["SetPosition" if end is None else end.__name__ for end in self[:2]]
         return "-".join([*ends, "Solids"] if self.solid else ends)
 
 
 def named(end: str, axes: int) -> str:
-    """Return the name of an end, `SERVO` or `WORLD`, with room for so many axes."""
+    """Return the name of an end, `SERVO` or `WORLD`, with room for this number of axes."""
     room = room_for(axes)
     return end if room == AXES else f"{end}-{room}"
 
 
 def part_of_device(params: Params) -> str:
-    """Name the part of the simulated device that is compiled by itself: an arm, or the handle of a tool; empty: none.
+    """Return the name of the simulated device's part that is compiled separately: an arm, a tool's handle, or "".
 
     params : with the units of the world.
     """
@@ -50,7 +50,7 @@ def part_of_device(params: Params) -> str:
 
 
 def missing(params: Params) -> list[str]:
-    """Name what is not compiled yet, and too slow at 1 kHz in plain Python: the ticks of a simulated arm or handle.
+    """Return the parts that are not compiled yet and too slow in Python at 1 kHz: ticks of a simulated arm or handle.
 
     params : with the units of the world.
     """

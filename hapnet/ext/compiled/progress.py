@@ -1,4 +1,4 @@
-"""Reports how far the compiler is, to a command that waits for it."""
+"""Reports the compiler's progress to a command that waits for it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ Reported = Callable[[float], None]
 
 
 def _ignore(share: float) -> None:
-    """Show nothing: no command waits."""
+    """Do nothing: no command waits."""
 
 
 reported: ContextVar[Reported] = ContextVar("reported", default=_ignore)
-"""Takes the share that is compiled, 0 to 1, again and again; 1 comes last."""
+"""Takes the compiled share, 0 to 1, repeatedly; 1 comes last."""
 
 
 @contextmanager
 def reporting(functions: int) -> Iterator[None]:
-    """Report, while numba compiles so many functions, which share of them it has; nothing if it only loads them."""
+    """Report the share of these functions that numba has compiled; nothing if numba only loads them."""
     event = importlib.import_module("numba.core.event")
     report, done = reported.get(), 0
 
     class Compiled(event.Listener):  # type: ignore[name-defined, misc]  # numba has no types
         def on_start(self, event: object) -> None:
-            """Do nothing: only what is compiled counts."""
+            """Do nothing: only finished functions count."""
 
         def on_end(self, event: object) -> None:
             nonlocal done

@@ -1,4 +1,4 @@
-"""The compiled ends of a side in real time: which there are, and how a side gets them when control starts."""
+"""The compiled ends of a side in real time: replaces a side's Python ends by compiled ends when control starts."""
 
 from __future__ import annotations
 
@@ -41,42 +41,42 @@ _STAGES: tuple[list[type], ...] = ([], [VelocityPredictor], [SmoothingFilter], [
 
 @cache
 def make_ready(name: str) -> Any:
-    """The compiled function of one of them; loads or makes the machine code, once in a process."""
+    """The compiled function of the end or device `name`; loads or makes the machine code, once in a process."""
     part, _, axes = name.partition("-")
     module, kind = _COMPILED[part]
     from hapnet.ext.compiled.twins import ready  # here, since it loads numba
 
-    array, _ = bound.memory(kind, int(axes or AXES))  # of no axes
+    array, _ = bound.memory(kind, int(axes or AXES))  # a device has no suffix for axes
     run = ready(module.enter, name, OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES, array)
-    run.disable_compile()  # what has other arguments is an error, not half a minute without a tick
+    run.disable_compile()  # a call with other argument types must fail, not compile for half a minute
     return run
 
 
 _DEVICES: dict[type, str] = {SimulatedArm: ARM, SimulatedHandle: HANDLE}
-"""The simulated devices whose ticks are compiled by themselves, with their record's name in them and in their end."""
+"""The simulated devices with compiled ticks; the name is that of the record in the device and in its end."""
 
 
 class CompiledDevices(Ends):
-    """Makes the ticks of an arm or a handle compiled ones, and leaves all else as it is."""
+    """Compiles the ticks of an arm or a handle, and leaves everything else as it is."""
 
     def simulated(self, device: Made) -> Made:
-        """The same device; if it is such a one, its ticks are compiled from now on."""
+        """Return the same device; if it is an arm or a handle, its ticks are compiled from now on."""
         if (name := _DEVICES.get(type(device))) is not None:
-            made: Any = device
+            simulated: Any = device
             array, end = bound.memory(_COMPILED[name][1])
-            setattr(made, name, bound.Move().to(getattr(end, name), getattr(made, name)))
-            made.compiled = CompiledTicks(array, end, make_ready(name))
+            setattr(simulated, name, bound.Move().to(getattr(end, name), getattr(simulated, name)))
+            simulated.compiled = CompiledTicks(array, end, make_ready(name))
         return device
 
 
 class CompiledEnds(CompiledDevices):
-    """Makes ends of set-positions into compiled ones too, as far as there is machine code of them.
+    """Compiles ends of set-positions too, as far as there is machine code for them.
 
-    Those of other laws stay Python's.
+    Ends of other laws stay in Python.
     """
 
     def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
-        """A servo in its place, whose ticks are compiled, if that is possible; `servo` is not used any more then."""
+        """Return a servo with compiled ticks if possible, else `servo`. Do not use `servo` after it was replaced."""
         if type(servo) is not SampledServo or not _is_covered(servo.coupling):
             return servo
         if not sources.are_compiled(named(SERVO, servo.n)):
@@ -94,8 +94,8 @@ class CompiledEnds(CompiledDevices):
         return made
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
-        """An end in its place whose steps are compiled, if that is possible; those of the mass too, if it is among
-        walls: see `mass`. What was given is not used any more then, but for a mass that such an end has moved before.
+        """Return an end with compiled steps if possible, else `steps`. Among walls the steps of the mass are compiled
+        too: see `mass`. Do not use replaced arguments afterwards, except a mass that such an end has moved before.
         """
         if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
             return steps
@@ -120,13 +120,13 @@ class CompiledEnds(CompiledDevices):
         return made
 
     def mass(self, steps: WorldCoupling, mass: Mass) -> Mass:
-        """The mass that `steps` moves by compiled calls; `mass` if it moves any."""
+        """The mass that `steps` moves by compiled calls; `mass` itself if there is none."""
         moved = steps.mass if isinstance(steps, CompiledSteps) else None
         return mass if moved is None else moved
 
 
 def _moved(mass: PassiveIntegrator, end: Any) -> CompiledMass:
-    """The mass in this end's memory, out of that of another end, or as a compiled one for the first time."""
+    """Move the mass into this end's memory, from another end's memory or, the first time, from plain Python."""
     end.kinetic = kinetic(mass)
     if isinstance(mass, CompiledMass):
         moved = mass
@@ -147,9 +147,9 @@ def _are_walls(contacts: Surroundings) -> bool:
 
 
 class CompiledTicks:
-    """Makes a tick by a compiled call: the `compiled` of a `SimulatedArm` or a `SimulatedHandle`.
+    """Makes a tick by a compiled call: the attribute `compiled` of a `SimulatedArm` or a `SimulatedHandle`.
 
-    array, end : the end's memory, with `path`, of two rows, and `work`. run : the compiled tick.
+    array, end : the end's memory, with `path` (two rows) and `work`. run : the compiled tick.
     """
 
     def __init__(self, array: Any, end: Any, run: Any) -> None:

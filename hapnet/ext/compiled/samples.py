@@ -1,4 +1,4 @@
-"""The record of a tick and of a step: a `DeviceSample` and a `WorldSample`, as rows of numbers."""
+"""Records ticks and steps as rows of numbers, with the fields of a `DeviceSample` or a `WorldSample`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from hapnet.records.vectors import copy
 from hapnet.wire.path import age_s, transit_s
 
 MOST = 2048
-"""So many samples of each side may wait for the recorder."""
+"""The number of samples of each side that may wait for the recorder."""
 
 
 def row_of(kind: type[NamedTuple]) -> type[Record]:
-    """The record that has a sample's fields."""
+    """The record class with the fields of a kind of sample."""
     types = {name: OfAxes if name in VECTORS else float for name in kind._fields}
     return type(kind.__name__, (Record,), {"__annotations__": {**types, "time_ns": int}})
 
@@ -36,7 +36,7 @@ else:
 class Rows(Record):
     """The samples of both sides.
 
-    every : ticks between two samples. device_rows, world_rows : how many there are.
+    every : ticks between two samples. device_rows, world_rows : the number of samples of each side.
     """
 
     every: int
@@ -54,7 +54,7 @@ def have_room(rows: Rows) -> bool:
 
 @equation
 def record_tick(rows: Rows, side: DeviceSideRecord, wire: Wire, hand: Hand, now_ns: int) -> None:
-    """A `DeviceSample`."""
+    """Add a row with the fields of a `DeviceSample`."""
     device, n, row = side.plant, side.plant.dof, rows.at_device[rows.device_rows]
     rows.device_rows += 1
     copy(n, device.read_position, row.position_m)
@@ -69,7 +69,7 @@ def record_tick(rows: Rows, side: DeviceSideRecord, wire: Wire, hand: Hand, now_
 
 @equation
 def record_step(rows: Rows, side: WorldSideRecord, wire: Wire, now_ns: int) -> None:
-    """A `WorldSample`."""
+    """Add a row with the fields of a `WorldSample`."""
     mass, n, row = side.mass, side.mass.n, rows.at_world[rows.world_rows]
     rows.world_rows += 1
     copy(n, mass.x, row.position_m)
@@ -83,7 +83,7 @@ def record_step(rows: Rows, side: WorldSideRecord, wire: Wire, now_ns: int) -> N
 
 @equation
 def of_device(row: DeviceRow, side: DeviceSideRecord, n: int) -> None:
-    """Fill in the sample's part that a coupling of set-positions has. `within` : its force is not held."""
+    """Fill in the fields of a coupling of set-positions. `within` : its force is not held."""
     coupling, servo, state, x = side.coupling, side.servo, side.plant.state, row.position_m
     spring, ybar, within = coupling.modulator.spring, coupling.modulator.ybar, side.plant.state.coupled != 0
     copy(n, ybar, row.set_position_m)
@@ -105,7 +105,7 @@ def of_device(row: DeviceRow, side: DeviceSideRecord, n: int) -> None:
 
 @equation
 def of_world(row: WorldRow, side: WorldSideRecord, n: int) -> None:
-    """Fill in the sample's part that a coupling of set-positions has."""
+    """Fill in the fields of a coupling of set-positions."""
     coupling = side.coupling
     copy(n, coupling.modulator.ybar, row.set_position_m)
     copy(n, coupling.aim, row.target_m)
@@ -114,7 +114,7 @@ def of_world(row: WorldRow, side: WorldSideRecord, n: int) -> None:
 
 @equation
 def _count(row: DeviceRow | WorldRow, ledger: Ledger, wire: Wire, now_ns: int) -> None:
-    """When it is, the newest sample in use, as `ControlHalf.used`, and the account."""
+    """Fill in the time, age and transit of the newest sample in use (as `ControlHalf.used`), and the account."""
     used = wire.endpoint.used
     row.time_ns, row.age_s, row.transit_s = now_ns, age_s(used, now_ns), transit_s(used)
     row.sent_J, row.credited_J, row.margin_J, row.slack_J = ledger.sent, ledger.credited, ledger.margin, ledger.slack

@@ -1,4 +1,4 @@
-"""A tick of the device's servo as one compiled call, for real time; its records stay those of `SampledServo`."""
+"""A tick of the device's servo as one compiled call, for real time; its records remain those of `SampledServo`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from hapnet.records.record import OfAxes, Record, equation
 class ServoEnd(Record):
     """The device's end of a coupling of set-positions, with the arguments of its next tick.
 
-    who : chooses y. interval : since the run of PSPM before [s]. takes : does the tick take an answer of the world?
+    who : the part that chooses y. interval : time since the last run of PSPM [s]. takes : 1 if the tick takes an answer
+    of the world.
     """
 
     servo: SampledServo
@@ -36,21 +37,24 @@ class ServoEnd(Record):
 
 @equation
 def tick(end: ServoEnd) -> int:
-    """`SampledServo.tick` of a servo that is in time."""
+    """Make a tick of the sampled servo, which must be in time: `SampledServo.tick`."""
     end.interval, end.takes = end.servo.elapsed + end.dt, end.model.answer.pending
     return servos.tick(end.servo, end.coupling, end.model, end.dt, end.x, end.v, end.who)
 
 
 def enter(ends: Sequence[ServoEnd]) -> int:
-    """Make a tick, or the rest of it; returns what is to be done. Compiled code is entered by this."""
+    """Make a tick, or the rest of it; returns the next action. This is the entry to the compiled code."""
     return tick(ends[0])
 
 
 class CompiledServo(SampledServo):
-    """A `SampledServo` whose ticks are compiled. A late one, and a y that only Python can choose, stay Python's."""
+    """A `SampledServo` with compiled ticks. Python makes late ticks, and any choice of y that only Python can make."""
 
     def runs(self, array: Any, end: Any, run: Any) -> None:
-        """array, end : the end's memory. run : the compiled tick."""
+        """Set the compiled tick.
+
+        array, end : the end's memory. run : the compiled tick.
+        """
         self._array, self._end, self._run = array, end, run
         self.limit_gifts()
 
@@ -73,7 +77,7 @@ class CompiledServo(SampledServo):
 
 
 def _plane(place: Any, n: int) -> ContactPlane:
-    """A plane that compiled code has taken, as Python has it."""
-    one: ContactPlane = bound.read(ContactPlane, place, n)
-    one.effects = None
-    return one
+    """A plane that compiled code has received, as a Python record."""
+    plane: ContactPlane = bound.read(ContactPlane, place, n)
+    plane.effects = None
+    return plane

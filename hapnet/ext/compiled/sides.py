@@ -1,4 +1,4 @@
-"""A tick of the device's side and a step of the world's: `hapnet.side.device`, `hapnet.side.world`."""
+"""A compiled tick of the device's side and step of the world's side: `hapnet.side.device`, `hapnet.side.world`."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ _MOST_REACH_M = MOST_REACH_M
 
 
 class DeviceSideRecord(HeldDevice):
-    """Everything of the device's side. within : the servo of a coupling that acts within the tick. last_ns : when the
-    last tick was. dt : the length of the running one [s]."""
+    """The state of the device's side. within : the servo of a coupling that acts within the tick. last_ns : time of the
+    last tick. dt : length of the current tick [s]."""
 
     last_ns: int
     ticks: int
@@ -51,9 +51,9 @@ class DeviceSideRecord(HeldDevice):
 
 
 class WorldSideRecord(Record):
-    """Everything of the world's side.
+    """The state of the world's side.
 
-    reach_m : planes within this distance are sent [m]. reach_mps : and those that a device so fast could reach.
+    reach_m : planes within this distance are sent [m]. reach_mps : also planes that a device at this speed could reach.
     """
 
     stepped: Steps
@@ -68,7 +68,7 @@ class WorldSideRecord(Record):
 
 @equation
 def measure(side: DeviceSideRecord, hand: Hand, now_ns: int) -> None:
-    """The device moves, is read, and its work is counted."""
+    """Advance the device, read it, and count its work."""
     device = side.plant
     side.dt = max((now_ns - side.last_ns) * _NANO, device.period)
     if device.state.coupled:
@@ -82,7 +82,7 @@ def measure(side: DeviceSideRecord, hand: Hand, now_ns: int) -> None:
 
 @equation
 def act(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> MessageSlot:
-    """The servo runs: within the tick, or for the force that is held."""
+    """Run the servo, within the tick or for a held force; returns the message, of kind `NOTHING` if none is due."""
     device, coupling, wire, message = side.plant, side.coupling, port.wire, links.spare(port.link, 0)
     x, within = device.read_position, side.within
     if device.state.coupled:
@@ -104,7 +104,7 @@ def act(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> MessageSlot:
 
 @equation
 def hold(side: DeviceSideRecord) -> None:
-    """The device holds the spring's set-position, or the servo's force."""
+    """Let the device hold the spring's set-position, or the servo's force."""
     if side.plant.state.coupled:
         copy(side.plant.dof, side.coupling.modulator.ybar, side.plant.state.set_position)
     else:
@@ -113,7 +113,7 @@ def hold(side: DeviceSideRecord) -> None:
 
 @equation
 def level(coupling: SetPositionCoupling) -> float:
-    """`SetPositionCoupling.level`; below 0: it is not sent."""
+    """The fill level of the coupling's reservoir, as `SetPositionCoupling.level`; below 0: it is not sent."""
     return coupling.modulator.level if coupling.shares else -1.0
 
 
@@ -131,7 +131,7 @@ def _dissipated(device: SimulatedDevice, interval: float) -> float:
 
 @equation
 def take_at_device(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> None:
-    """Give the coupling, and the local contact model, what has arrived."""
+    """Pass the arrived samples and credits to the coupling, and to the local contact model."""
     wire, coupling, n = port.wire, side.coupling, side.plant.dof
     endpoint = wire.endpoint
     for k in range(endpoint.waiting):
@@ -145,7 +145,7 @@ def take_at_device(side: DeviceSideRecord, port: PortRecord, now_ns: int) -> Non
 
 @equation
 def note(wire: Wire, k: int) -> MessageSlot:
-    """The sample that waits in this place of the backlog is the newest in use."""
+    """Return the sample at this place of the backlog, and note it as the newest in use."""
     endpoint = wire.endpoint
     at = (endpoint.first + k) % endpoint.backlog
     sample, used = wire.samples[at], endpoint.used
@@ -155,7 +155,7 @@ def note(wire: Wire, k: int) -> MessageSlot:
 
 @equation
 def _give(coupling: SetPositionCoupling, sample: MessageSlot, n: int) -> None:
-    """The coupling receives the sample."""
+    """Pass the sample to the coupling."""
     couplings.receive(coupling, n, sample.position, sample.stamp_ns * _NANO)
     if coupling.shares:
         coupling.peer_level = sample.level
@@ -163,7 +163,7 @@ def _give(coupling: SetPositionCoupling, sample: MessageSlot, n: int) -> None:
 
 @equation
 def _report(side: DeviceSideRecord, sample: MessageSlot, n: int, age_s: float) -> None:
-    """`ContactModel.receive`."""
+    """Store the world's answer for the local contact model, as `ContactModel.receive` does."""
     reported = side.model.answer
     reported.pending = 1
     copy(n, sample.position, reported.position)
@@ -181,7 +181,7 @@ def _report(side: DeviceSideRecord, sample: MessageSlot, n: int, age_s: float) -
 
 @equation
 def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
-    """The credits that wait go to the coupling."""
+    """Pass the waiting credits to the coupling."""
     for k in range(wire.endpoint.credits):
         couplings.credit(coupling, wire.credits_nJ[k] * _NANO)
     wire.endpoint.credits = 0
@@ -189,14 +189,14 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 
 @equation
 def advance(side: WorldSideRecord, dt: float) -> None:
-    """`SetPositionSteps.advance`."""
+    """Move the mass through a step of `dt` seconds, as `SetPositionSteps.advance` does."""
     integrator.factored(side.mass, dt, integrator.OWN)
     move_among(side.mass, side.contacts, dt, side.coupling.modulator.ybar)
 
 
 @equation
 def answer(side: WorldSideRecord, port: PortRecord, now_ns: int, dt: float) -> MessageSlot:
-    """`WorldControl.answer`."""
+    """Run the law at the onset of the next step, and return its message, as `WorldControl.answer` does."""
     mass, coupling, message = side.mass, side.coupling, links.spare(port.link, 0)
     copy(mass.n, mass.x, message.position)
     message.planes = message.aimed_ns = 0
@@ -212,21 +212,21 @@ def answer(side: WorldSideRecord, port: PortRecord, now_ns: int, dt: float) -> M
 
 @equation
 def settle(side: WorldSideRecord) -> None:
-    """The environment's account."""
+    """Count the step in the environment's account."""
     stored_J = walls.stored(side.contacts, side.mass.x)
     account.settle(side.environment, side.coupling.ledger.work, stored_J, side.contacts.supplied_J)
 
 
 @equation
 def move_among(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
-    """`PassiveIntegrator.step`, which is `factored`."""
+    """Move the mass among the walls by a step, as `PassiveIntegrator.step` does; call `factored` before."""
     integrator.spring_among(mass, dt, ybar, contacts)
     mass.penetration = walls.penetration(contacts, mass.x)
 
 
 @equation
 def meet(mass: PassiveIntegrator, dt: float, contacts: Contacts) -> None:
-    """`PassiveIntegrator.respond` among walls."""
+    """Solve a step of the mass in contact with walls: `PassiveIntegrator.respond`."""
     integrator.solve(mass, mass.c, mass.vhat)
     copy(mass.n, mass.vhat, mass.c)
     for i in range(mass.n):
@@ -237,7 +237,7 @@ def meet(mass: PassiveIntegrator, dt: float, contacts: Contacts) -> None:
 
 @equation
 def update(side: WorldSideRecord, dt: float, x: Floats, dissipated: float) -> bool:
-    """`SetPositionSteps.update`, once what is around is known."""
+    """Predict the device if that is in use, and update the coupling, as `SetPositionSteps.update` does."""
     coupling, n = side.coupling, side.coupling.modulator.spring.dof
     if side.predicted.in_use:
         prediction.look_ahead(side.predicted, n, dt)
@@ -250,7 +250,7 @@ def update(side: WorldSideRecord, dt: float, x: Floats, dissipated: float) -> bo
 
 @equation
 def take_at_world(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
-    """Give the coupling, and the predictor of the device, what has arrived."""
+    """Pass the arrived samples and credits to the coupling, and to the predictor of the device."""
     wire, coupling, n = port.wire, side.coupling, side.mass.n
     endpoint = wire.endpoint
     for k in range(endpoint.waiting):
@@ -264,7 +264,7 @@ def take_at_world(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
 
 @equation
 def _say(side: WorldSideRecord, reach_m: float, dt: float, message: MessageSlot) -> None:
-    """`SetPositionSteps.update`: what the world knows of the place."""
+    """Put the contact force and the nearby planes into the message, as `SetPositionSteps.update` does."""
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
     message.aimed_ns = moment_ns(prediction.stands_for(side.predicted, dt))
     copy(n, side.mass.force, message.force)
@@ -279,7 +279,8 @@ def _say(side: WorldSideRecord, reach_m: float, dt: float, message: MessageSlot)
 
 @equation
 def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, message: MessageSlot) -> None:
-    """`Contacts.planes`. Of solids, the message gets how they bend and rub."""
+    """Put the planes of the walls within reach into `around`, as `Contacts.planes` does. The version for solids also
+    puts curvature and friction into the message."""
     around.count = walls.nearest(contacts, position, reach_m)
     for k in range(around.count):
         at = contacts.near[k]
@@ -289,4 +290,4 @@ def see(contacts: Contacts, position: Reals, reach_m: float, around: Around, mes
 
 @equation
 def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -> None:
-    """How the plane bends and rubs, from the message: walls do neither. See solids.py."""
+    """Do nothing: walls have no curvature and no friction. solids.py replaces this function."""

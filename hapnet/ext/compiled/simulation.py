@@ -1,4 +1,4 @@
-"""A whole run as a record, after the handshake, and what it does in its own way of what a run does.
+"""A whole run after the handshake as a record, and the compiled functions for its events.
 
 The order of the events is that of `hapnet.simulation.events`.
 """
@@ -22,18 +22,18 @@ from hapnet.simulation.events import DONE, IMPOSSIBLE, NEEDS_MORE, STEP, TICK, C
 from hapnet.wire import energy_channel as channels
 
 STEPS = 256
-"""So many lengths of the world's steps are known at once."""
+"""The number of the world's step lengths that are drawn at once."""
 
 
 class StepLengths(Record):
-    """The lengths of the world's next steps [ns], and how many were used."""
+    """The lengths of the world's next steps [ns], and the number of those already used."""
 
     ns: Annotated[Wholes, (STEPS,)]
     used: int
 
 
 class Scenario(Record):
-    """A whole run: an `events.Run`."""
+    """The record of a whole run, in place of an `events.Run`."""
 
     clock: Clock
     device: DeviceSideRecord
@@ -129,12 +129,12 @@ def _skippable_ticks(device: DeviceSideRecord) -> int:
 
 @equation
 def _catch_up(run: Scenario, until_ns: int) -> None:
-    """No tick has waited."""
+    """Do nothing: compiled ticks never wait."""
 
 
 @equation
 def _wake(run: Scenario) -> None:
-    """No tick has waited."""
+    """Do nothing: compiled ticks never wait."""
 
 
 @equation
@@ -160,9 +160,9 @@ CHOICES: dict[Callable[..., Any], Callable[..., Any]] = {
     events.protocol_due_ns: _protocol_due_ns, events.next_step_ns: _next_step_ns,
     events.skippable_ticks: _skippable_ticks, events.catch_up: _catch_up, events.wake: _wake,
 }  # fmt: skip
-"""What is compiled in place of functions of `hapnet.simulation.events`."""
+"""The functions that are compiled in place of functions of `hapnet.simulation.events`."""
 
 
 def enter(run: Scenario, until_ns: int) -> int:
-    """Run every event until `until_ns` [ns]; returns why it stopped. Compiled code is entered by this."""
+    """Run every event until `until_ns` [ns]; returns the reason for the stop. The entry to the compiled code."""
     return events.run_to(run, until_ns)

@@ -1,4 +1,4 @@
-"""A virtual mass among rigid solids, in place of what sides.py does among walls."""
+"""A virtual mass among rigid solids: replaces the functions of sides.py for walls."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _padded(n: int, vector: Reals) -> Triple:
 
 @equation
 def meet(mass: PassiveIntegrator, dt: float, contacts: SolidContact) -> None:
-    """`PassiveIntegrator.respond` among solids."""
+    """Solve a step of the mass in contact with solids: `PassiveIntegrator.respond`."""
     n = mass.n
     integrator.solve(mass, mass.c, mass.vhat)
     inverse: Any = mass  # as compiled code has it
@@ -48,19 +48,20 @@ def meet(mass: PassiveIntegrator, dt: float, contacts: SolidContact) -> None:
 
 @equation
 def penetration(contacts: SolidContact, position: Reals) -> float:
-    """`RigidContacts.penetration`."""
+    """The deepest penetration into the solids at a position [m]: `RigidContacts.penetration`."""
     return rigid_step.deepest(contacts, _padded(contacts.dof, position))
 
 
 @equation
 def stored(contacts: SolidContact, position: Reals) -> float:
-    """`RigidContacts.stored_J`."""
+    """The energy stored in the contacts [J]: `RigidContacts.stored_J`."""
     return contacts.energy_J
 
 
 @equation
 def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around, message: MessageSlot) -> None:
-    """`RigidContacts.planes`, without bends that are too near to the surface's centre: `Plane.unfolded`."""
+    """Put the planes of the solids within reach into `around` and the message: `RigidContacts.planes`. Bends too near
+    to the surface's centre of curvature are left out: `Plane.unfolded`."""
     n = contacts.dof
     x = _padded(n, position)
     count = sight.see_all(contacts.secants, contacts.count, n, x, reach_m, contacts.sights, contacts.order)
@@ -78,7 +79,7 @@ def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around,
 
 @equation
 def surface_bytes(own: Endpoint, message: MessageSlot) -> int:
-    """As in the endpoint, for planes of solids."""
+    """The bytes that curvature and friction of the solids' planes add to a message."""
     bends, rubs = 0, False
     for k in range(message.planes):
         bends += message.bends[k].count
@@ -96,7 +97,7 @@ def surface_bytes(own: Endpoint, message: MessageSlot) -> int:
 
 @equation
 def copy_surfaces(source: MessageSlot, target: MessageSlot) -> None:
-    """Copy how the planes bend and rub."""
+    """Copy curvature and friction of the planes."""
     for k in range(source.planes):
         target.friction[k] = source.friction[k]
         copy_bends(AXES, source.bends[k], target.bends[k])
@@ -104,7 +105,7 @@ def copy_surfaces(source: MessageSlot, target: MessageSlot) -> None:
 
 @equation
 def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -> None:
-    """How the plane bends and rubs, from the message."""
+    """Take the plane's curvature and friction from the message."""
     one.friction = sample.friction[k]
     copy_bends(n, sample.bends[k], one.bends)
     stand_on(one, n, sample.position)
@@ -115,4 +116,4 @@ AMONG_SOLIDS: Choices = {
     endpoint.surface_bytes: surface_bytes, link.copy_surfaces: copy_surfaces,
     sides.understand_surface: understand_surface, **contact_surfaces.IN_PLACE_OF_FLAT_ONES,
 }  # fmt: skip
-"""What is compiled among solids."""
+"""The functions that are compiled in place of others among solids."""

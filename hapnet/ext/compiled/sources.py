@@ -1,4 +1,4 @@
-"""The sources of the kernel, and whether it was compiled from just these, found without loading the compiler."""
+"""Finds whether the kernel was compiled from the present sources, without loading the compiler."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _COMPILED = (
     "records", "control", "couplings", "mechanics", "plant", "recording", "side", "simulation", "wire",
     "ext/compiled", "ext/laws", "ext/solids", "ext/arms", "ext/tools",
 )  # fmt: skip
-"""The packages with equations that are compiled, or with constants in them."""
+"""The packages with compiled equations, or with constants in such equations."""
 
 
 def _mark(kind: str) -> Path:
-    """The file that has the digest of what a kind's machine code was made from. Packages of two places have two."""
+    """The file with the digest of the sources of a kind's machine code; each copy of the package has its own file."""
     return directory() / f"compiled-{kind}-{hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:16]}"
 
 
 @cache
 def digest() -> str:
-    """A digest of all sources that the kernel is compiled from, or takes constants from, and the compiler's version."""
+    """The digest of the compiler's version and all sources from which the kernel is compiled or takes constants."""
     packages = [_PACKAGE.parent / "netem", *(_PACKAGE / name for name in _COMPILED)]
     found = hashlib.sha256(_compiler().encode())
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
@@ -35,7 +35,7 @@ def digest() -> str:
 
 
 def name_of(kind: str) -> str:
-    """Return the name of a kind's machine code: nothing else has it, neither another kind nor other sources."""
+    """Return the name of a kind's machine code; it is different for other kinds and other sources."""
     return f"{kind}-{digest()[:16]}"
 
 
@@ -48,7 +48,7 @@ def are_compiled(kind: str) -> bool:
 
 
 def mark(kind: str) -> None:
-    """Note that there is; where nothing can be written there is none for later processes."""
+    """Note that this kind is compiled. Without a writable directory, later processes compile it again."""
     with suppress(OSError):
         _mark(kind).write_text(digest(), "utf-8")
 

@@ -1,7 +1,7 @@
-"""Compiles equations with numba: each gets a twin, made from the same source.
+"""Compiles equations with numba: each equation gets a compiled twin, made from the same source.
 
-A twin is the function's own code with other globals: where those name an equation, or a module with equations, they
-name its twin. One source serves plain Python and compiled code, and importing it costs nothing of numba.
+A twin has the function's own code with other globals: each equation, or module with equations, in them is replaced by
+its twin. One source serves plain Python and compiled code, and plain Python does not import numba.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hapnet.records.machine_code import kept
 from hapnet.records.record import EQUATIONS
 
 _MOST_INSTRUCTIONS = 150
-"""A longer function is compiled by itself even if it is called in one place: a very long caller costs numba more."""
+"""A longer function is not inlined even if it has one call site: numba takes longer for a very long caller."""
 
 Choices = Mapping[Callable[..., Any], Callable[..., Any]]
 
@@ -30,20 +30,20 @@ Names = dict[str, Any]
 
 
 class Twin(NamedTuple):
-    """The compiled twin of a function. functions : how many numba compiles for it, itself included."""
+    """The compiled twin of a function. functions : the number of functions that numba compiles, itself included."""
 
     run: Any
     functions: int
 
 
 def entry(function: Callable[..., Any], name: str, choices: Choices) -> Twin:
-    """Return the twin of the function through which all others are called. Its machine code is kept.
+    """Return the twin of the entry function, which calls all others. Its machine code is kept.
 
-    choices : functions in whose place others are compiled.
+    choices : maps functions to the functions that are compiled in their place.
 
-    Numba names its files after the function, and looks only at the function's own file to see whether they are still
-    valid. So `name` has to change with any of the sources, and with the choices. And no two that differ may share
-    files: if two processes add to them at the same time, one finds the other's machine code under its own key.
+    Numba names its files after the function, and checks only the function's own source to see whether they are still
+    valid. So `name` must change with any of the sources, and with the choices. Different entries must not share files:
+    if two processes write to them at the same time, one finds the other's machine code under its own key.
     """
     assert isinstance(function, FunctionType)
     sites = _call_sites(function, choices)
@@ -53,7 +53,7 @@ def entry(function: Callable[..., Any], name: str, choices: Choices) -> Twin:
     try:
         with kept():
             made = _compiling(cache=True)(twin)
-    except (OSError, RuntimeError):  # nowhere to write: it is compiled for this process alone
+    except (OSError, RuntimeError):  # no directory to write to: compile for this process only
         made = _compiling()(twin)
     return Twin(made, 1 + len(sites) - len(inlined))
 
@@ -61,7 +61,7 @@ def entry(function: Callable[..., Any], name: str, choices: Choices) -> Twin:
 def ready(function: Callable[..., Any], kind: str, choices: Choices, *arguments: Any) -> Any:
     """Return the twin of an entry after a first call with these arguments, which compiles it or loads its machine code.
 
-    kind : what it is kept as.
+    kind : the name under which the machine code is kept.
     """
     twin = entry(function, sources.name_of(kind), choices)
     with reporting(twin.functions):
@@ -75,9 +75,9 @@ def _compiling(**options: Any) -> Any:
 
 
 def _names(function: FunctionType, equations: Iterable[Any], inlined: Container[Any], choices: Choices) -> Names:
-    """The globals of the entry's twin: those of its module, with the twins of equations in their place.
+    """The globals of the entry's twin: those of its module, with each equation replaced by its twin.
 
-    inlined : those that become a part of their caller before numba compiles that.
+    inlined : the equations that are inlined into their caller before numba compiles the caller.
     """
     modules = {one.__module__ for one in (function, *equations, *map(_source, equations), *choices)}
     names: dict[str, Names] = {module: dict(vars(sys.modules[module])) for module in modules}
@@ -105,7 +105,7 @@ def _source(equation: Any) -> Any:
 
 
 def _call_sites(function: FunctionType, choices: Choices) -> Counter[Any]:
-    """The equations that a function calls, and those that they call: each with the number of places that name it."""
+    """Count the call sites of all equations that a function calls, directly or through other equations."""
     sites: Counter[Any] = Counter()
     waiting: list[Any] = [function]
     for one in waiting:
@@ -120,7 +120,7 @@ def _call_sites(function: FunctionType, choices: Choices) -> Counter[Any]:
 
 @cache
 def _named(source: Any) -> tuple[FunctionType, ...]:
-    """The functions that a function's code names, by themselves or in a module, as often as it names them."""
+    """The functions that a function's code refers to, directly or through a module; once for each reference."""
     known, found = vars(sys.modules[source.__module__]), []
     module: ModuleType | None = None
     for instruction in dis.get_instructions(source):

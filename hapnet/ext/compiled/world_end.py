@@ -20,14 +20,14 @@ from hapnet.plant.worlds.walls import Contacts
 from hapnet.records.record import OfAxes, Record, equation
 
 RECEIVE, MOVE, UPDATE = range(3)
-"""What is to be done."""
+"""The actions of a call."""
 
 
 class WorldEndRecord(Record):
     """The world's end of a coupling of set-positions, with the virtual mass among walls, and the arguments of a call.
 
-    doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : of the
-    update, as in `WorldControl.step`; of the sample that came x, `sent_s`, `age_s` and `level`, below 0: none.
+    doing : `RECEIVE`, `MOVE` or `UPDATE`. x, kinetic, work, dissipated : arguments of an update, as in
+    `WorldControl.step`. x, sent_s, age_s, level : arguments of a received sample; a level below 0: none.
     """
 
     mass: PassiveIntegrator
@@ -48,7 +48,7 @@ class WorldEndRecord(Record):
 
 @equation
 def run_end(end: WorldEndRecord) -> bool:
-    """Do it. False: a step cannot be made, and nothing has changed."""
+    """Do the action `doing`. False: a step cannot be made, and nothing has changed."""
     if end.doing == RECEIVE:
         couplings.receive(end.coupling, end.n, end.x, end.sent_s)
         if end.coupling.shares:
@@ -69,15 +69,18 @@ def run_end(end: WorldEndRecord) -> bool:
 
 
 def enter(ends: Sequence[WorldEndRecord]) -> bool:
-    """Do what the end asks for; False: it cannot be done. Compiled code is entered by this."""
+    """Do the end's action `doing`; False: it is impossible. This is the entry to the compiled code."""
     return run_end(ends[0])
 
 
 class CompiledCoupling(SetPositionCoupling):
-    """A `SetPositionCoupling`, with its prediction, that takes what comes by a compiled call."""
+    """A `SetPositionCoupling`, with its prediction, that receives samples by a compiled call."""
 
     def runs(self, array: Any, end: Any, run: Any) -> None:
-        """array, end : the end's memory. run : the compiled function."""
+        """Set the compiled function.
+
+        array, end : the end's memory. run : the compiled function.
+        """
         self._array, self._end, self._run = array, end, run
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
@@ -91,7 +94,7 @@ class CompiledMass(PassiveIntegrator):
     """A virtual mass that compiled steps move."""
 
     def belongs(self, end: Any) -> None:
-        """end : the place of its end."""
+        """Set the place of the mass's end."""
         self._end = end
 
     @property
@@ -100,15 +103,15 @@ class CompiledMass(PassiveIntegrator):
         return kinetic
 
     def ended(self) -> Step:
-        """The step that was made."""
+        """Return the result of the last step."""
         tau, end = tuple(self.coupling_force[:]), tuple(self.x[:])
         return Step(tuple(self.vhat[:]), tuple(self.force[:]), self.work, self.dissipated, tau, end, self.penetration)
 
 
 class CompiledSteps(SetPositionSteps):
-    """`SetPositionSteps` whose steps are compiled; those of `mass` too, as long as it is among `contacts`.
+    """`SetPositionSteps` with compiled steps; the steps of `mass` are compiled too while it is among `contacts`.
 
-    coupling, reporter : as those of `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
+    coupling, reporter : as in `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
     """
 
     def __init__(self, coupling: CompiledCoupling, reporter: Teller | None, array: Any, end: Any, run: Any) -> None:

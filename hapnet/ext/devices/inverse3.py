@@ -141,7 +141,7 @@ class Inverse3(Driver):
         if not self._last.powered:
             raise HapnetError(f"the arm {self._device} has no power: plug its power supply in")
         if not self._last.calibrated:
-            raise HapnetError(f"the arm {self._device} is not calibrated: do that first, as its maker's page says")
+            raise HapnetError(f"the arm {self._device} is not calibrated: calibrate it first, as on its maker's page")
 
     def read(self) -> tuple[Vector, Vector]:
         """The state in the answer to the last command, as old as that command.

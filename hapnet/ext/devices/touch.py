@@ -103,7 +103,7 @@ class TouchDriver(Driver):
             return
         if state == oh.NEEDS_INPUT and self._hd.slow.integer(oh.STYLES) & oh.INKWELL:
             raise HapnetError(f"{self.model} is not calibrated: put its stylus into the inkwell, then start again")
-        raise HapnetError(f"{self.model} is not calibrated: do that with the maker's diagnostic program first")
+        raise HapnetError(f"{self.model} is not calibrated: calibrate it first with the maker's diagnostic program")
 
     def begin(self) -> None:
         """Switch the motors on."""

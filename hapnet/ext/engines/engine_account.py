@@ -113,7 +113,7 @@ class EngineAccount:
         self._energy_J = self.energy_J
 
     def place(self, position: Vector) -> bool:
-        """As `Engine.place`."""
+        """Put the proxy at rest at `position` (n,) [m], and return whether it is free there: `Engine.place`."""
         free = bool(self.ask("place", position))
         self.look()
         return free
@@ -130,7 +130,7 @@ class EngineAccount:
 
     @property
     def depth(self) -> float:
-        """As `Engine.depth`."""
+        """The proxy's greatest depth in the bodies that it touches [m]: `Engine.depth`."""
         given = self.ask("depth")
         (depth,) = self._numbers("depth", (given,), 1)
         if not abs(depth) < _FARTHEST:

@@ -135,7 +135,7 @@ class MujocoEngine(Engine):
     # -- state -------------------------------------------------------------------------------------------------------
 
     def energy_J(self) -> tuple[float, float]:
-        """As `Engine`; a weight that the model compensates has no potential here."""
+        """Kinetic and potential energy [J]; a weight that the model compensates has no potential here."""
         data = self._data
         potential, kinetic = data.energy.tolist()
         for body, *weight in self._weights:

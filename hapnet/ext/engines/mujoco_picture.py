@@ -47,18 +47,18 @@ class ModelPicture:
         self.parts: tuple[Part, ...] = (*self._geoms(), *map(self._flex, flexes))
 
     def poses(self) -> Array:
-        """As `hapnet.plant.worlds.picture.Picture`."""
+        """The poses of the moving bodies (B, 7): place [m], and unit quaternion w, x, y, z."""
         data, bodies = self._data, self._bodies
         return np.concatenate([data.xpos[bodies] - self._origin, data.xquat[bodies]], axis=1)
 
     def soft(self) -> Array:
-        """As `hapnet.plant.worlds.picture.Picture`."""
+        """The present vertices of all soft parts, one after another (V, 3) [m]."""
         if not self._soft:
             return np.zeros((0, 3))
         return np.concatenate([self._data.flexvert_xpos[rows] for rows in self._soft]) - self._origin
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """As `hapnet.plant.worlds.picture.Picture`: the engine's contacts."""
+        """The engine's contacts of a proxy at `position` (n,) [m] with `force` (n,) [N] in all."""
         data, own = self._data, self._found.geoms
         found = []
         for contact in data.contact[: data.ncon]:

@@ -40,7 +40,7 @@ class ObstaclesPicture(StillDefaults):
         self.parts: tuple[Part, ...] = tuple([found for found in parts if found is not None])
 
     def poses(self) -> Array:
-        """As `hapnet.plant.worlds.picture.Picture`."""
+        """The poses of the moving bodies (B, 7): place [m], and unit quaternion w, x, y, z."""
         return at_rest([body.position.tolist() for body in self._moving])
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:

@@ -218,7 +218,7 @@ class BusArm(Driver):
             self.switch(self._ids, on=True)
 
     def read(self) -> tuple[Vector, Vector]:
-        """Read all servos; servos that do not answer are asked again, within most of a period.
+        """Read all servos; the request to servos without an answer is repeated, within most of a period.
 
         Raises DeviceSilent: a servo did not answer, or the port is closed.
         """

@@ -177,7 +177,7 @@ class BusEmulator(Emulator):
         heapq.heappush(self._due, (at_ns, self._count, call))
 
     def _carry(self, size: int, after_ns: int) -> tuple[int, int]:
-        """When a packet of `size` bytes begins and ends on the wire, which carries one packet at a time [ns]."""
+        """Return a packet's begin and end on the wire, which carries one packet at a time [ns]. size : its bytes."""
         begin = max(after_ns, self._free_ns)
         self._free_ns = begin + round(transfer_s(size, self._baud) / NANO)
         return begin, self._free_ns

@@ -71,7 +71,7 @@ class ArmState(NamedTuple):
 
     @classmethod
     def of(cls, state: Any, jacobian: Any) -> ArmState:
-        """From libfranka's RobotState and its 6 x 7 Jacobian, both stored column by column."""
+        """Make a state from libfranka's RobotState and its 6 x 7 Jacobian, both stored column by column."""
         pose = np.array(state.O_T_EE).reshape(4, 4).T
         both = np.array(jacobian).reshape(JOINTS, 6).T
         q, dq, torque = (np.array(one) for one in (state.q, state.dq, state.tau_J_d))

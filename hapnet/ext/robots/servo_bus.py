@@ -41,7 +41,7 @@ class ServoBus:
         self.asked = self.answered = 0
 
     def sync_read(self, address: int, size: int, servos: Sequence[int], budget_s: float) -> dict[int, Reply]:
-        """The servos' answers; servos without an answer are asked again, as long as the budget [s] allows.
+        """The servos' answers; the request to servos without an answer is repeated within the budget [s].
 
         Raises DeviceSilent: the port is closed.
         """

@@ -83,7 +83,7 @@ def ball(sides: int = _SIDES, straight: float = 0.0) -> Outline:
 
 
 def _field(shape: FieldShape) -> Outline | None:
-    """By marching cubes; None without libigl."""
+    """Compute the outline of a field by marching cubes; None without libigl."""
     try:
         import igl
     except ImportError:

@@ -65,7 +65,7 @@ class SolidContact(Record):
 
 @equation
 def deepest(contacts: SolidContact, x: Vector) -> float:
-    """`RigidContacts.penetration` at `x` (3,) [m]."""
+    """The deepest penetration of the solids at `x` (3,) [m]: `RigidContacts.penetration`."""
     found = 0.0
     for k in range(contacts.count):
         secant = contacts.secants[k]
@@ -197,7 +197,7 @@ def _begun(contacts: SolidContact, x: Vector) -> Vector:
 
 @equation
 def _step_together(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """`_step` with several planes, or with friction and any A."""
+    """Solve a step as `_step`, with several planes, or with friction and any A."""
     planes, C, D = contacts.together, contacts.C, contacts.D
     for j in range(3):
         _put(contacts.columns[j], respond(contacts, inverse, _UNITS[j]))

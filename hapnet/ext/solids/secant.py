@@ -211,7 +211,7 @@ class Secant(Record):
 
 @compiled_as(Secant.near)
 def near(secant: Secant, x: Vector) -> Near:
-    """As the method, like those below."""
+    """Call the method of the same name, like the functions below; compiled code inserts the method itself."""
     return secant.near(x)
 
 
@@ -302,7 +302,7 @@ def end_J(secant: Secant, delta: Vector) -> float:
 
 @equation
 def turned(secant: Secant, x: Vector, delta: Vector, end: Vector, found: Near, good: float) -> bool:
-    """`Secant.correct`, with distance and gradient at the step's end in `found`."""
+    """Turn the plane so that it is true at the step's end, from distance and gradient in `found`: `Secant.correct`."""
     distance = found.distance_m
     after = _after(secant, delta)
     if after <= 0.0 <= distance:

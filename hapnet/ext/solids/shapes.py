@@ -221,7 +221,7 @@ def form_of(shape: Shape) -> Form | None:
 
 @equation
 def near_form(form: Form, position: Vector) -> Near:
-    """`Shape.near` of any form."""
+    """The distance and its gradient at a position, for any form: `Shape.near`."""
     if form.what == SPHERE:
         found = _of_sphere(form, position)
     elif form.what == CUBOID:

@@ -33,7 +33,7 @@ class ShapesPicture(StillDefaults):
         self._poses, self._planes, self._bodies = poses, planes, len(shapes)
 
     def poses(self) -> Array:
-        """As `hapnet.plant.worlds.picture.Picture`."""
+        """The poses of the moving bodies (B, 7): place [m], and unit quaternion w, x, y, z."""
         return np.asarray(self._poses(), dtype=float).reshape(self._bodies, 7)
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
@@ -57,7 +57,7 @@ class SolidsPicture(StillDefaults):
         return parts_of(self._solids)
 
     def touches(self, position: Vector, force: Vector) -> list[Touch]:
-        """As `hapnet.plant.worlds.picture.Picture`."""
+        """The contacts of a proxy at `position` (n,) [m] with `force` (n,) [N] in all."""
         if not any(force):
             return []
         return shared(padded(force), [found for solid in self._solids if (found := touched(solid, padded(position)))])

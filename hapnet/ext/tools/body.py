@@ -142,7 +142,7 @@ def momentum(body: RigidBody) -> tuple[float, float, float]:
 
 @equation
 def settle(body: RigidBody) -> None:
-    """`v` at the state."""
+    """Compute `v` from the present state."""
     moving(body, body.x, body.velocity, in_world(body.x, body.arm_m, body.spin), body.v)
 
 

@@ -35,7 +35,7 @@ _RIGHT = 4
 class Coupled(Record):
     """At most `most` planes of one step with n axes, and the solver's work arrays.
 
-    count : how many planes there are. normals : into the solid, of any length. depths : p0, below 0 outside [m].
+    count : the number of planes. normals : into the solid, of any length. depths : p0, below 0 outside [m].
     stiffnesses, dampings : [N/m], [Ns/m]. pushes : f_i [N], none above 0. rates : -df_i/du_i [Ns/m].
     """
 

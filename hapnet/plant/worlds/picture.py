@@ -62,11 +62,11 @@ class StillDefaults:
     """The methods of a `Picture` without moving or soft parts."""
 
     def poses(self) -> Array:
-        """None."""
+        """No poses: nothing moves."""
         return np.zeros((0, 7))
 
     def soft(self) -> Array:
-        """None."""
+        """No vertices: there are no soft parts."""
         return np.zeros((0, 3))
 
 

@@ -111,7 +111,7 @@ class World(WorldDefaults, Protocol):
     @property
     @abstractmethod
     def start(self) -> Vector:
-        """Where the proxy starts (n,) [m], outside every obstacle."""
+        """The proxy's start position (n,) [m], outside every obstacle."""
 
     @property
     @abstractmethod

@@ -362,7 +362,7 @@ class Contacts(Record, Surroundings):
 def push_back(
     contacts: Contacts, inverse: Inverse, dt: float, x: Reals, free: Reals, force: Floats, vhat: Floats
 ) -> None:
-    """`Contacts.solve` for separate walls; `force` starts at zero, and vhat at `free`."""
+    """Solve the contacts of separate walls: `Contacts.solve`; `force` starts at zero, and vhat at `free`."""
     for k in range(contacts.lines):
         if meets(contacts, k, dt, x, free):
             apply(inverse, contacts.axes[k].normal, contacts.response)
@@ -370,7 +370,7 @@ def push_back(
 
 
 def apply(inverse: Inverse, vector: Reals, out: Floats) -> None:
-    """A^-1 times a vector; in compiled code `inverse` is the mass, and this calls its `solve` (kernel/kinds.py)."""
+    """A^-1 times a vector; in compiled code `inverse` is the mass, and this calls its `solve` (ext/compiled)."""
     out[:] = inverse(tuple(vector))
 
 

@@ -1,3 +1,3 @@
-"""Runs a simulation as compiled code: reads its state once the handshake is over, and writes it back at the end. What
-comes before and after is done by plain Python.
+"""Runs a simulation as compiled code: reads its state after the handshake, and writes it back at the end. Plain Python
+does the rest before and after.
 """

@@ -1,4 +1,4 @@
-"""Which runs the compiled kernel covers, and why not."""
+"""Finds whether the compiled kernel covers a run, and the reason if it does not."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from hapnet.records.machine_code import no_compiler
 from hapnet.records.record import AXES
 from netem import LinkProfile
 
-_MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ, and over a step of the admission, they must fit 63 bits
+_MOST_BURST_J, _MOST_POWER_W = 4.0, 500.0  # in aJ (the power: over a step of the admission) they must fit in 63 bits
 
 
 OUT_OF_RANGE = "it leaves the range that messages can carry"
 
 
 _WORTH_TICKS = 1_000_000
-"""Plain Python takes about a minute for so many ticks, longer than compiling a kind takes once for all processes."""
+"""Plain Python takes about a minute for this number of ticks, longer than compiling a kind takes, once for all."""
 
 _WORTH_ARM_TICKS = 5_000
-"""Plain Python takes as long for so many ticks of an arm as compiling it takes."""
+"""Plain Python takes as long for this number of ticks of an arm as compiling the arm takes."""
 
 
 class ChosenCode(NamedTuple):
-    """Which code runs a simulation.
+    """The code that runs a simulation.
 
-    why_not : why compiled code does not; None: it does. awaits_code : can it, as soon as its machine code is made?
+    why_not : the reason against compiled code; None: it runs. awaits_code : it can run once its machine code is made.
     """
 
     why_not: str | None
@@ -50,10 +50,9 @@ NOT_YET = "it is not compiled yet: hapnet compile does that, once"
 
 
 def kind_of(params: Params, scene: World | None = None) -> Kind | None:
-    """The kind of scenario that a run with these parameters is; None: its coupling, or stages before it, are not
-    compiled.
+    """The kind of scenario of a run with these parameters; None: its coupling, or stages before it, are not compiled.
 
-    scene : what it is, where only that tells: a user's own may have solids too.
+    scene : the built scene, if there is one: a user's own scene may have solids too, which only it shows.
     """
     ends = _ends(params)
     if ends is None:
@@ -66,7 +65,7 @@ def kind_of(params: Params, scene: World | None = None) -> Kind | None:
 
 
 def _ends(params: Params) -> tuple[type[DeviceEnd] | None, type[WorldEnd] | None] | None:
-    """The ends of the coupling, as in a `Kind`; None: it, or stages before it, are not compiled."""
+    """The ends of the coupling, as in a `Kind`; None: the coupling, or stages before it, are not compiled."""
     law = known(params.coupling)
     if law is None or law.compiled is None or (params.rendering == "hapnet" and any(law.compiled)):
         return None
@@ -74,9 +73,9 @@ def _ends(params: Params) -> tuple[type[DeviceEnd] | None, type[WorldEnd] | None
 
 
 def background(runs: Iterable[tuple[Params, float]]) -> AbstractContextManager[Background | None]:
-    """Compile, in a process beside this one, what is about to be run for many ticks, here or in other processes.
+    """Compile the kinds of runs with many ticks in another process, before they run here or in other processes.
 
-    runs : their parameters, and how many ticks they have. None is returned if nothing is to be compiled for them.
+    runs : their parameters and numbers of ticks. The context gives None if there is nothing to compile.
     """
     ticks = Counter[str]()
     if no_compiler() is None:
@@ -87,20 +86,20 @@ def background(runs: Iterable[tuple[Params, float]]) -> AbstractContextManager[B
 
 
 def beside(setup: Setup) -> AbstractContextManager[Background | None]:
-    """Compile, in a process beside this one, what the rest of a run needs, if the run is long enough for that."""
+    """Compile the kind of a run in another process, for the rest of the run, if the run is long enough."""
     kind, params = kind_of(setup.params, setup.scene), setup.params
     return _compile({} if kind is None else {kind.name: params.duration_s * params.device.servo_hz})
 
 
 def _compile(ticks: Mapping[str, float]) -> AbstractContextManager[Background | None]:
-    """Compile in the background those kinds that run for many ticks and are not compiled yet."""
+    """Compile in the background the kinds that run for many ticks and are not compiled yet."""
     names = [name for name, count in ticks.items() if count >= _WORTH_TICKS and not sources.are_compiled(name)]
     return Background(*names) if names else nullcontext()
 
 
 def device_ends(setup: Setup) -> Ends:
-    """Compile the ticks of an arm or of a tool's handle if that pays, and both ends of the coupling if there is machine
-    code of them. The rest of such a run is the reference's.
+    """Compile the ticks of an arm or of a tool's handle if that saves time, and both ends of the coupling if there is
+    machine code for them. Plain Python runs the rest.
     """
     params = setup.params
     ticks = round(params.duration_s * params.device.servo_hz)
@@ -114,9 +113,9 @@ def device_ends(setup: Setup) -> Ends:
 
 
 def chosen(setup: Setup, kernel: bool | None) -> ChosenCode:
-    """Choose for a run. `kernel` : must compiled code run it? None: where it is there.
+    """Choose the code for a run. `kernel` : True: compile if necessary; None: use machine code that exists.
 
-    setup : its walls have met the virtual mass.
+    setup : the virtual mass was placed among its walls.
     """
     why, kind = why_not(setup), kind_of(setup.params, setup.scene)
     if why is not None or kind is None:
@@ -127,7 +126,7 @@ def chosen(setup: Setup, kernel: bool | None) -> ChosenCode:
 
 
 def why_not(setup: Setup) -> str | None:
-    """Why the kernel does not cover this run; None: it does."""
+    """The reason why the kernel does not cover this run; None: it covers it."""
     return next(_reasons(setup), None)
 
 
@@ -155,7 +154,7 @@ def _reasons(setup: Setup) -> Iterator[str]:
 
 
 def _of_scene(setup: Setup) -> Iterator[str]:
-    """The walls of a `Scene`, and solids that equations know."""
+    """Yield the reasons in the scene: only walls of a `Scene`, and solids with equations, are covered."""
     scene = setup.scene
     if follows(setup.params):
         yield "a follower"

@@ -1,4 +1,4 @@
-"""The device's side, to and from the kernel."""
+"""Copies the device's side to and from the kernel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_side(record: Any, side: DeviceSide) -> None:
 
 
 def _parts(record: Any, side: DeviceSide) -> list[tuple[Record, Record]]:
-    """The records of the device's side, each with the side's own."""
+    """The kernel's records of the device's side, each with the side's own record."""
     device, coupling = side.device, side.coupling
     assert isinstance(device, SimulatedDevice)
     if isinstance(side, ContinuousDeviceSide):

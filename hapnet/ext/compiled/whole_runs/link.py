@@ -1,4 +1,4 @@
-"""A link with its draws and the messages on it, to and from the kernel."""
+"""Copies a link, its draws and the messages on it to and from the kernel."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STATE = ("limit", "gap", "transparent", "is_up", "lined", "acts", "beside", "sin
 
 
 class CompiledLink:
-    """One direction in the kernel, where it is `record`; link : the reference's."""
+    """One direction of the link in the kernel. record : the kernel's. link : the reference's."""
 
     def __init__(self, record: links.LinkRecord, link: Link[Packet]) -> None:
         self._link, self._record = link, record
@@ -58,7 +58,7 @@ class CompiledLink:
         self._load()
 
     def refill(self) -> None:
-        """Draw for further messages, if there are few draws left, and count the delays so far."""
+        """Draw for further messages if few draws are left, and count the delays so far."""
         record = self._record
         used = int(record.counters.offered - record.begun)
         if record.drawn - used >= 2:
@@ -74,7 +74,7 @@ class CompiledLink:
         record.delays_ns[: len(lost)], record.luck[: len(lost)] = delay_ns, luck
 
     def write_back(self, sender: Session, kind: int) -> None:
-        """Give the state back to the reference's link; `sender` has sent what is on it, messages of this kind."""
+        """Copy the state back to the reference's link; `sender` has sent the messages on it, which are of this kind."""
         self._count()
         link, record = self._link, self._record
         used = int(record.counters.offered - record.begun)
@@ -104,7 +104,7 @@ class CompiledLink:
         record.delivered = 0
 
     def _load(self) -> None:
-        """Take over the messages that are on the link."""
+        """Copy the messages on the link to the kernel."""
         record = self._record
         if len(self._link.queue) > record.capacity:
             raise NotCompiledError(OUT_OF_RANGE)
@@ -142,23 +142,19 @@ class CompiledLink:
 
 
 def _from(fates: Fates, first: int) -> Fates:
-    """The draws without the first ones."""
+    """The draws from number `first` on."""
     return Fates(fates.lost[first:], fates.ahead[first:], fates.delay_ns[first:], fates.luck[first:])
 
 
 def _packet(message: MessageSlot, sender: Session, kind: int) -> Packet:
-    """The message as the reference has it on a link."""
+    """The message as a packet of the reference's link."""
     me, peer, n = sender.identity.incarnation, sender.peer, sender.identity.dof
     assert peer is not None
     if message.kind == ENERGY:
         return Packet("energy", encode(Energy(me, peer.incarnation, int(message.total_nJ), int(message.acked_nJ))))
     start = me, int(message.sequence), int(message.stamp_ns), tuple(plain(message.position[:n]))
     echo = int(message.echo_ns), int(message.came_ns)
-    more = {
-        name: float(reported)
-        for name, reported in ((REACH, message.reach_m), (LEVEL, message.level))
-        if reported >= 0.0
-    }
+    more = {name: float(value) for name, value in ((REACH, message.reach_m), (LEVEL, message.level)) if value >= 0.0}
     if kind == MOTION:
         return Packet("position", encode(Motion(*start, tuple(plain(message.more[:n])), *echo)))
     if kind == PORT:

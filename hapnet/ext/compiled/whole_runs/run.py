@@ -1,4 +1,4 @@
-"""A run on the kernel, from the end of the handshake on."""
+"""Runs a simulation on the kernel, from the end of the handshake on."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def make_ready(kind: Kind) -> Callable[[Scenario, int], int]:
 class CompiledRun:
     """The part of a simulation that the kernel runs, up to `end_ns`.
 
-    Both sides have started, the handshake is over, and nothing of it is in flight.
+    Both sides have started, the handshake is over, and none of its messages is in flight.
     """
 
     def __init__(self, simulation: Simulation, recorder: MemoryRecorder, end_ns: int) -> None:
@@ -90,9 +90,9 @@ class CompiledRun:
         self._run_events = make_ready(kind)
 
     def run_until(self, end_ns: int) -> None:
-        """Run every event until then.
+        """Run every event until `end_ns`.
 
-        Raises NotCompiledError: only the reference can run it on.
+        Raises NotCompiledError: only the reference can continue the run.
         """
         with np.errstate(all="ignore"):
             while (why := self._run_events(bare(self._scenario), end_ns)) != DONE:
@@ -102,13 +102,13 @@ class CompiledRun:
         self._simulation.clock.now_ns = end_ns
 
     def _ports(self) -> list[tuple[TwoPort, TwoPort]]:
-        """Both ports, in the kernel and in the simulation; with one kind of servo they are the same."""
+        """Both ports, in the kernel and in the simulation; only one pair if the two ports are the same."""
         simulation, scenario = self._simulation, self._scenario
         ports = [(scenario.two_port, simulation.two_port), (scenario.hand_port, simulation.hand_port)]
         return ports[: 1 + int(scenario.clock.apart)]
 
     def write_back(self) -> None:
-        """Give the state back to the simulation, to be closed: what waits for the next tick or step is left out."""
+        """Copy the state back to the simulation, to be closed; samples that wait for a tick or step are omitted."""
         simulation, scenario, side = self._simulation, self._scenario, self._side
         steps, hand = scenario.steps, scenario.hand
         self._flush()
@@ -153,7 +153,7 @@ class CompiledRun:
             self._ticks -= count
 
     def _flush(self) -> None:
-        """Give the samples so far to the recorder."""
+        """Pass the samples so far to the recorder."""
         rows, n = self._scenario.rows, self._simulation.setup.dof
         of_device, of_world = int(rows.device_rows), int(rows.world_rows)
         rows.device_rows = rows.world_rows = 0
@@ -165,6 +165,6 @@ class CompiledRun:
 
 
 def _columns(rows: Any, count: int, n: int, kind: type[DeviceSample | MetricSample | WorldSample]) -> Columns:
-    """The first rows, as columns of the recorder."""
+    """The first `count` rows, as columns of the recorder."""
     found = rows.structures[:count]
     return {name: (found[name][:, :n] if name in VECTORS else found[name]).copy() for name in kind._fields}

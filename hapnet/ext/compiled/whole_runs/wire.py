@@ -1,4 +1,4 @@
-"""An endpoint's half of the protocol after the handshake, to and from the kernel."""
+"""Copies an endpoint's half of the protocol after the handshake to and from the kernel."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ KINDS: dict[type[messages.Stream], int] = {
     messages.Position: POSITION, messages.Proxy: PROXY, messages.Motion: MOTION, messages.Port: PORT,
     messages.Wave: WAVE,
 }  # fmt: skip
-"""What the kernel calls the messages of a stream."""
+"""The kernel's numbers for the kinds of stream messages."""
 
 
 def read_wire(wire: endpoints.Wire, endpoint: Endpoint, sends: type[messages.Stream]) -> None:
-    """`sends`: the messages of this side's stream."""
+    """Copy an endpoint to the kernel. `sends`: the messages of this side's stream."""
     session, record, arrived = endpoint.session, wire.endpoint, endpoint.waiting
     expects = session.settings.expects
     record.n, record.backlog, record.kind = session.identity.dof, arrived.maxlen or 0, KINDS[sends]
@@ -66,22 +66,22 @@ def read_wire(wire: endpoints.Wire, endpoint: Endpoint, sends: type[messages.Str
 
 
 def _parts(wire: endpoints.Wire, session: Session) -> list[tuple[Record, Record]]:
-    """The records of a side's wire, each with the session's own."""
+    """The kernel's records of a side's wire, each with the session's own record."""
     return [
         (wire.channel, session.channel), (wire.monitor, session.monitor), (wire.path, session.path),
         (wire.window, session.replay_window), (wire.integral, session.positions.integral),
     ]  # fmt: skip
 
 
-def _or_none(reported: float | None) -> float:
-    """A value that may be missing, as the kernel has it."""
-    return -1.0 if reported is None else reported
+def _or_none(value: float | None) -> float:
+    """A value that may be missing, in the kernel's form: -1 if it is."""
+    return -1.0 if value is None else value
 
 
 def put_proxy(
     message: MessageSlot, aimed_ns: int, force: tuple[float, ...], planes: Any, reach_m: float | None
 ) -> None:
-    """A proxy's content besides position and level; planes : as `Plane`, or as many fields of it as there are."""
+    """Put a proxy's content besides position and level into a message; planes : each a `Plane`, or its first fields."""
     message.reach_m = _or_none(reach_m)
     message.aimed_ns = aimed_ns
     fill(message.force, force)
@@ -120,9 +120,9 @@ def _sizes(record: endpoints.Endpoint, session: Session) -> None:
 @lru_cache
 def _min_sizes(my_bits: int, peer_bits: int, dof: int, kind: int) -> tuple[int, int, int, int, int, int, int]:
     """The sizes of a message of the stream, of the level and of each plane in it, and of a message of the energy
-    channel [bytes]; and what a proxy takes to say that planes bend, each bend, and that planes rub.
+    channel [bytes]; and the bytes that curvature, each bend, and friction add to a proxy.
 
-    A number takes as many bytes as its bits need; other whole numbers than the incarnations take a byte more at least.
+    A number takes as many bytes as its bits need; whole numbers except the incarnations add at least one byte.
     """
     me, peer, still = 1 << my_bits - 1, 1 << peer_bits - 1, (0.0,) * dof
 

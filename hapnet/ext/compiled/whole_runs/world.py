@@ -1,4 +1,4 @@
-"""The world's side, to and from the kernel."""
+"""Copies the world's side to and from the kernel."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def read_side(record: Any, side: WorldSide) -> None:
 
 
 def _parts(record: Any, side: WorldSide) -> list[tuple[Record, Record]]:
-    """The records of the world's side, each with the side's own."""
+    """The kernel's records of the world's side, each with the side's own record."""
     coupling = side.coupling
     assert isinstance(side.mass, PassiveIntegrator), "a scene of walls or solids"
     assert side.environment is not None, "control has started"

@@ -88,13 +88,13 @@ class PassivityObserver(Record):
 
 @compiled_as(PassivityObserver.observe)
 def observe(observer: PassivityObserver, given: float, dissipated: float) -> None:
-    """`PassivityObserver.observe`, also of a subclass."""
+    """Count a tick or a step, also for a subclass: `PassivityObserver.observe`."""
     observer.observe(given, dissipated)
 
 
 @compiled_as(PassivityObserver.receive)
 def grant(observer: PassivityObserver, energy: float) -> None:
-    """`PassivityObserver.receive`."""
+    """Take in the peer's E_in [J]: `PassivityObserver.receive`."""
     observer.receive(energy)
 
 

@@ -62,7 +62,7 @@ def _take(line: Record, dt: float, out: Floats) -> None:
 
 @equation
 def draw(smooth: WaveFilter, dt: float) -> None:
-    """`WaveFilter.take`, into `wave`."""
+    """Take the output of the line and filter it into `wave`: `WaveFilter.take`."""
     share = dt / (smooth.tau + dt)
     _take(smooth.line, dt, smooth.arrived)
     for i in range(smooth.n):

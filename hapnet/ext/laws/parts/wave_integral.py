@@ -90,7 +90,7 @@ class IntegralLine(Record):
 
 @equation
 def put(line: IntegralLine, value: Reals, more: Reals, span: float, total_s: float) -> None:
-    """`IntegralLine.push`."""
+    """Push a wave, or the mean wave since the newest integral, into the line: `IntegralLine.push`."""
     if line.believes and total_s >= 0.0:
         since = total_s - line.newest_s
         was_known = line.is_newest != 0
@@ -146,7 +146,7 @@ class Recovery(Record):
 
 @equation
 def lose(recovery: Recovery, value: Reals, span: float) -> None:
-    """`Recovery.lose`."""
+    """Count a wave that the queue has dropped: `Recovery.lose`."""
     for i in range(recovery.n):
         recovery.owed[i] += value[i] * span
         recovery.spare[i] += 0.5 * value[i] * value[i] * span
@@ -154,7 +154,7 @@ def lose(recovery: Recovery, value: Reals, span: float) -> None:
 
 @equation
 def recover(recovery: Recovery, dt: float, wave: Floats, total: Reals, squares: Reals) -> None:
-    """`Recovery.output`, in place of the wave."""
+    """Replace the queue's wave by the output over the next `dt` seconds: `Recovery.output`."""
     if recovery.time == 0.0:
         return
     for i in range(recovery.n):
