@@ -30,7 +30,7 @@ PURE_NETEM = {  # all that a link in virtual time consists of
 }  # fmt: skip
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
-SHORT, MOST_SHORT = 60, 43
+SHORT, MOST_SHORT = 60, 40
 
 BASE = {
     "errors", "checks", "params", "laws", "param_sections", "param_values", "param_schema", "param_sources",

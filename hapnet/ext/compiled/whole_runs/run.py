@@ -16,7 +16,7 @@ from hapnet.ext.compiled.memory import bare, give_back, load, new, plain, store
 from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import STEPS, Scenario, enter
 from hapnet.ext.compiled.twins import ready
-from hapnet.ext.compiled.whole_runs import coverage, device, wire, world
+from hapnet.ext.compiled.whole_runs import coverage, sides, wire
 from hapnet.ext.compiled.whole_runs.coverage import OUT_OF_RANGE
 from hapnet.ext.compiled.whole_runs.link import CompiledLink
 from hapnet.ext.solids.rigid import RigidScene
@@ -79,8 +79,8 @@ class CompiledRun:
         clock.due[TICK] = clock.tick_ns  # no tick waits
         scenario.steps.used = STEPS
         scenario.rows.every = side.drive.record_every
-        device.read_side(scenario.device, side)
-        world.read_side(scenario.world, simulation.world)
+        sides.read_device(scenario.device, side)
+        sides.read_world(scenario.world, simulation.world)
         sends = simulation.setup.coupling.sends
         wire.read_wire(scenario.device_port.wire, simulation.device_endpoint, sends("device", simulation.setup.params))
         wire.read_wire(scenario.world_port.wire, simulation.world_endpoint, sends("world", simulation.setup.params))
@@ -114,9 +114,9 @@ class CompiledRun:
         self._flush()
         made = int(scenario.device.ticks) - side.ticks
         reference = tuple(plain(hand.path[hand.at][: self._device.dof]))
-        device.write_side(scenario.device, side, reference)
+        sides.write_device(scenario.device, side, reference)
         side.resume(int(scenario.device.last_ns), made)
-        world.write_side(scenario.world, simulation.world)
+        sides.write_world(scenario.world, simulation.world)
         self._rng.state = self._rng_state
         self._rng.advance(self._steps_used + int(steps.used) - STEPS)  # type: ignore[attr-defined]
         sessions = simulation.device_endpoint.session, simulation.world_endpoint.session
