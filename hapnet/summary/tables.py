@@ -97,7 +97,7 @@ _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("stiffness of the wall", "N/m", lambda of: of["stiffness_N_m"], number),
     _Row("felt stiffness of the wall", "N/m", lambda of: of["felt_stiffness_N_m"], number),
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
-    _Row("slack of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
+    _Row("balance of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
     _Row("put in by its motors", "mJ", lambda of: of["env_supplied_J"], millijoule),
     _Row("stored at the end", "mJ", lambda of: of["env_stored_J"], millijoule),
     _Row("excess that it would have given out", "mJ", lambda of: of["env_given_J"], millijoule),

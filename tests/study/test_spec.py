@@ -259,9 +259,9 @@ def test_combinations_that_make_no_run_are_cases_all_the_same(
         ("[fixed]\ndvice.mass = 1\n[vary]\ndof = [1]", "'dvice.mass'.*device.mass"),
         ("[fixed]\nseed = 'x'\n[vary]\ndof = [1]", "a whole number"),
         ("fixed = 3\n[vary]\ndof = [1]", "a table"),
-        ("[vary]", "what varies"),
-        ("", "what varies"),
-        ("vary = [3]", "what varies"),
+        ("[vary]", "varied values"),
+        ("", "varied values"),
+        ("vary = [3]", "varied values"),
         ("[vary", "a TOML file"),
     ],
 )

@@ -99,7 +99,7 @@ def test_while_another_pair_starts_the_verdict_of_the_old_one_is_gone(server: An
 
 
 @pytest.mark.parametrize(("owner", "name", "part"), [
-    ("Scene", "__init__", "scene"), ("Scene", "update", "scene"), ("Scene", "fit", "handle"),
+    ("PageScene", "__init__", "scene"), ("PageScene", "update", "scene"), ("PageScene", "fit", "handle"),
     ("Plots", "update", "plots"), ("ControlPanel", "update", "controls"), ("Numbers", "update", "numbers"),
 ])  # fmt: skip
 def test_a_part_that_cannot_be_drawn_once_is_drawn_again_and_the_others_meanwhile(

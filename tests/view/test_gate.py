@@ -86,8 +86,8 @@ def test_the_files_of_the_page_need_all_that_too(page: PageServer) -> None:
         assert answer.headers["X-Frame-Options"] == "DENY"
     bare = page.url.rstrip("/").removesuffix(token(page))
     for url, headers, words in (
-        (bare, {}, "the one that hapnet printed"),
-        (f"{bare}x/", {}, "the one that hapnet printed"),
+        (bare, {}, "address that hapnet printed"),
+        (f"{bare}x/", {}, "address that hapnet printed"),
         (page.url, {"Host": "evil.example"}, "Host is evil.example"),
         (page.url, {"Origin": "http://evil.example"}, "Origin is http://evil.example"),
     ):

@@ -271,7 +271,7 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
     ("change", "words"),
     [
         ("hardware=examples.own_device:Rail", "hapnet view"),
-        ("telemetry_hz=0", "what is published"),
+        ("telemetry_hz=0", "shows telemetry"),
         ("hardware=omni?axes=joints", "axes are in m"),
     ],
 )

@@ -259,7 +259,7 @@ def test_the_words_of_a_scene(tmp_path: Path) -> None:
     ("sphere?friction=0.5&texture=0.8", "such as friction"), ("sphere?friction=0.5&texture=2,4mm", "from 0 to 1"),
     ("sphere?friction=0.5&texture=0.8,4", "a length with its unit"),
     ("sphere?friction=0.5&texture=0.8,0mm", "wavelength"),
-    ("sphere?at=0,0,0", "outside of every solid"),
+    ("sphere?at=0,0,0", "outside all solids"),
 ])  # fmt: skip
 def test_bad_words_are_refused_in_one_line(words: str, line: str) -> None:
     with pytest.raises(InvalidParameter) as caught:

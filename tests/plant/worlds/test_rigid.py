@@ -349,7 +349,7 @@ def test_with_fewer_axes_a_solid_is_cut() -> None:
 
 
 def test_a_scene_needs_a_free_start() -> None:
-    with pytest.raises(InvalidParameter, match=r"outside of every solid .* number 2"):
+    with pytest.raises(InvalidParameter, match=r"outside all solids .* number 2"):
         RigidScene("two", 3, [Solid(SHAPES["plane"]), Solid(Sphere((0.0, 0.0, 0.01), 0.02))])
     with pytest.raises(InvalidParameter, match="solids"):
         RigidScene("none", 3, [])
