@@ -225,10 +225,12 @@ def test_where_nothing_can_be_kept_nothing_is_written(
     assert set(folder.rglob("*.nb?")) == before
 
 
-@pytest.mark.slow
 def test_machine_code_is_kept_with_the_users_caches(tmp_path: Path) -> None:
-    """And not beside the package. Where nothing can be written it is made for one process."""
-    run = "from hapnet.ext.compiled.whole_runs.run import Kind, make_ready; make_ready(Kind())"
+    """And not beside the package. Where nothing can be written it is made for one process.
+
+    A handle is the kind that takes the compiler least time.
+    """
+    run = "from hapnet.ext.compiled import names, real_time; real_time.make_ready(names.HANDLE)"
     before = set((ROOT / "hapnet").rglob("*.nb?"))
     for place, kept in ((tmp_path / "cache", True), (Path("/proc/nowhere"), False)):
         environment = os.environ | {"XDG_CACHE_HOME": str(place)}
