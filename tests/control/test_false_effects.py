@@ -1,4 +1,4 @@
-"""A world that lies about the effects of its surfaces: with PSPM they create no energy."""
+"""A world that sends false effects of its surfaces: with PSPM they create no energy."""
 
 from typing import Any
 
