@@ -22,7 +22,7 @@ FULL_DRAG_M = 5e-4
 
 def lift(model: ContactState, x: Reals) -> None:
     """Lift each plane by its grain's height at the proxy: at its last place if a plane has friction, else at x [m]."""
-    place = model.rubbing.place if model.rubbing.rubs else x
+    place = model.rubbing.place if model.rubbing.has_friction else x
     for plane in model.planes:
         grain = plane.effects and plane.effects.grain
         plane.raised = grain.at(place) if grain else 0.0
@@ -33,7 +33,7 @@ def pull(model: ContactState, n: int, x: Reals) -> tuple[Floats, Floats]:
     resting place.
     """
     moved, by_grain, v = [0.0] * n, [0.0] * n, model.velocity.velocity
-    seen = model.rubbing.seen if model.rubbing.rubs else model.seen if model.bends else model.planes
+    seen = model.rubbing.seen if model.rubbing.has_friction else model.seen if model.bends else model.planes
     for surface, plane in zip(model.planes, seen, strict=False):  # the surface, and its tangent plane at the proxy
         if (effects := surface.effects) is None:
             continue

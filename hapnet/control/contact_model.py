@@ -40,7 +40,7 @@ from hapnet.control.contact_equations import Answer, ContactState, fade, step
 from hapnet.control.contact_plane import ContactPlane, no_planes
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
 from hapnet.control.coupling import CouplingSample, ProxySample, vector_of
-from hapnet.control.friction_cone import RubbingProxy, report
+from hapnet.control.friction_cone import RubbingProxy, take_planes
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.mechanics.spring import Spring
@@ -123,7 +123,7 @@ class ContactModel(ContactState):
         if reports:
             self._know(planes)
             self.kept, self.kept_goal = kept
-            report(self.rubbing, self.planes, self.count, len(position), False, position, 0.0)
+            take_planes(self.rubbing, self.planes, self.count, len(position), False, position, 0.0)
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
         """Use these planes from now on; None: the world cannot send planes."""

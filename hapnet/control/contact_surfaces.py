@@ -35,7 +35,7 @@ def compare_surfaces(model: ContactState, n: int) -> None:
     answer, earlier = model.answer, model.planes
     first, count = 0, answer.count
     # friction on one plane may be along the normal of another, and points of one tool share its force
-    if (model.rubbing.rubs or n > AXES) and count > 1:
+    if (model.rubbing.has_friction or n > AXES) and count > 1:
         touched = 0
         for k in range(answer.count):
             one = answer.planes[k]
@@ -57,7 +57,7 @@ def compare_surfaces(model: ContactState, n: int) -> None:
 def look_at_surfaces(model: ContactState, n: int, x: Reals) -> None:
     """Find where the proxy rests for the device at x [m], and whether it touches anything there."""
     rubbing, s = model.rubbing, model.s
-    if rubbing.rubs:
+    if rubbing.has_friction:
         model.touches = int(friction_cone.rest(rubbing, model.planes, n, x, model.shifted, model.age, s))
         return
     forget_forces(model)
@@ -82,7 +82,7 @@ def respond_among_surfaces(model: ContactState, n: int, dt: float, x: Reals, y: 
     copy(n, rubbing.place, before)
     look_at_surfaces(model, n, x)
     copy(n, model.s, rubbing.place)
-    if rubbing.rubs and not model.acts and not model.answer.pending:
+    if rubbing.has_friction and not model.acts and not model.answer.pending:
         for i in range(n):
             before[i] = model.s[i] - before[i] - (x[i] - model.made_x[i])
         if length(n, before) > SLIP_M:  # it has slipped off something round
@@ -114,11 +114,11 @@ def meet_planes(model: ContactState, n: int) -> None:
 
     The velocity of the world's proxy is in `model.leading`.
     """
-    answer, vague = model.answer, length(n, model.leading) * model.age
+    answer, travel = model.answer, length(n, model.leading) * model.age
     touched = False
     for i in range(n):
         touched = touched or answer.force[i] != 0.0
-    friction_cone.report(model.rubbing, model.planes, model.count, n, touched, answer.position, vague)
+    friction_cone.take_planes(model.rubbing, model.planes, model.count, n, touched, answer.position, travel)
 
 
 IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {

@@ -54,8 +54,9 @@ class RubbingProxy(Record):
     compliance : K'^-1 of the world's virtual coupling, (n, n) [m/N]. position : its place at the start [m].
 
     give : an upper bound of the compliance's eigenvalues [m/N]; is_isotropic : whether all eigenvalues are the same.
-    place : its last resting place: s of the last tick [m]. rubs : whether any of the planes has friction.
-    worlds : resting place of the world's proxy [m], if it touched a plane (`has_worlds`); vague : its travel since [m].
+    place : its last resting place: s of the last tick [m]. has_friction : whether any of the planes has friction.
+    worlds : resting place of the world's proxy [m], if it touched a plane (`has_worlds`). travel : its travel since
+        [m].
     count, normals, forces, tractions : of the planes, from the last tick. before to yielded: temporary memory.
     seen : the tangent planes.
     """
@@ -64,10 +65,10 @@ class RubbingProxy(Record):
     give: float
     is_isotropic: int
     place: OfAxes
-    rubs: int
+    has_friction: int
     has_worlds: int
     worlds: OfAxes
-    vague: float
+    travel: float
     count: int
     normals: VectorsOfPlanes
     forces: OfPlanes
@@ -98,17 +99,17 @@ class RubbingProxy(Record):
     def reset(self, position: Vector) -> None:
         """Start again at `position` [m], without contact."""
         self.place = list(position)
-        self.rubs = self.has_worlds = self.count = 0
-        self.vague = 0.0
+        self.has_friction = self.has_worlds = self.count = 0
+        self.travel = 0.0
 
 
 @equation
-def report(
-    proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals, vague: float
+def take_planes(
+    proxy: RubbingProxy, planes: Sequence[ContactPlane], count: int, n: int, touched: bool, place: Reals, travel: float
 ) -> None:
     """Take in the world's planes. If the world's proxy touched anything, it rested at `place` [m], and has moved by at
-    most `vague` [m] since."""
-    proxy.rubs, proxy.has_worlds, proxy.vague = 0, int(touched), vague
+    most `travel` [m] since."""
+    proxy.has_friction, proxy.has_worlds, proxy.travel = 0, int(touched), travel
     copy(n, place, proxy.worlds)
     copy(proxy.count, proxy.forces, proxy.before)
     for k in range(proxy.count):
@@ -116,7 +117,7 @@ def report(
     for i in range(count):
         one = planes[i]
         if one.friction + one.grip != 0.0:
-            proxy.rubs = 1
+            proxy.has_friction = 1
         proxy.forces[i] = 0.0
         for j in range(n):
             proxy.tractions[i][j] = 0.0
@@ -132,9 +133,9 @@ def report(
 @equation
 def agree(proxy: RubbingProxy, planes: Sequence[ContactPlane], n: int, dt: float) -> None:
     """If the world's proxy is far away along the surfaces, move the place towards it, for a tick of `dt` seconds."""
-    if not (proxy.has_worlds and proxy.rubs):
+    if not (proxy.has_worlds and proxy.has_friction):
         return
-    away, apart = proxy.away, AGREE_M + proxy.vague
+    away, apart = proxy.away, AGREE_M + proxy.travel
     for i in range(n):
         away[i] = proxy.worlds[i] - proxy.place[i]
     for k in range(proxy.count):

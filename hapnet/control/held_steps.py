@@ -14,7 +14,7 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import PositionSample, Update
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
@@ -57,7 +57,7 @@ class FollowerServo(SampledServo):
     sensed : the force of its surroundings on it, set by the code that moves the robot [N].
     """
 
-    def __init__(self, reporter: Teller | None, **servo: Any) -> None:
+    def __init__(self, reporter: SampleReporter | None, **servo: Any) -> None:
         super().__init__(**servo)
         self.reporter = reporter
         self.feedback: Feedback = position

@@ -18,7 +18,7 @@ from hapnet.control.samples import CouplingSample, MotionSample, PortSample, Wav
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot
 
-UNTOLD = -1.0
+NOT_SENT = -1.0
 """The time of an integral that its sender does not send [s]."""
 
 
@@ -56,14 +56,14 @@ class End(Record):
         """Take in a sample that arrived: see `CouplingState.receive`."""
         match sample:
             case MotionSample(position, velocity):
-                self.take(position, velocity, 0.0, UNTOLD)
+                self.take(position, velocity, 0.0, NOT_SENT)
             case PortSample(value, energy):
-                self.take(value, value, energy, UNTOLD)
+                self.take(value, value, energy, NOT_SENT)
             case WaveSample(value, span, total, total_s):
-                self.take(value, total, span, total_s if total else UNTOLD)
+                self.take(value, total, span, total_s if total else NOT_SENT)
             case _:
                 position = vector_of(sample)
-                self.take(position, position, 0.0, UNTOLD)
+                self.take(position, position, 0.0, NOT_SENT)
 
     def take(self, value: Reals, more: Reals, amount: float, total_s: float) -> None:
         """Take in a sample: see `LawMessage`; for a wave `more` is its integral [sqrt(W) s] over `total_s` [s]."""
@@ -100,14 +100,14 @@ class DeviceEnd(End):
 
     def next_sample(self, x: Vector, v: Vector) -> CouplingSample:
         """The sample to send."""
-        self.say(x, v)
+        self.set_outgoing(x, v)
         return self._sample()
 
     def render(self, dt: float, x: Reals, v: Reals, held: Reals, out: Floats) -> None:
         """Compute `force` into `out`."""
         raise NotImplementedError
 
-    def say(self, x: Reals, v: Reals) -> None:
+    def set_outgoing(self, x: Reals, v: Reals) -> None:
         """Write the next sample into `outgoing`."""
         raise NotImplementedError
 
@@ -144,10 +144,10 @@ class WorldEnd(End):
 
     def next_sample(self) -> CouplingSample:
         """The sample to send, after each step."""
-        self.say()
+        self.set_outgoing()
         return self._sample()
 
-    def say(self) -> None:
+    def set_outgoing(self) -> None:
         """Write the next sample into `outgoing`."""
         raise NotImplementedError
 

@@ -12,7 +12,7 @@ MOST_REACH_M = 1.0
 """Planes farther away are never sent [m]: a desktop device does not reach so far."""
 
 
-class Teller:
+class SampleReporter:
     """Makes the world's samples for the device: its proxy's position, the time for which it holds, and the planes.
 
     position : of the virtual mass at the start [m]. predicted : chooses the proxy's target.

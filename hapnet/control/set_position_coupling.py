@@ -16,7 +16,7 @@ from hapnet.control.coupling import CouplingSample, Update, counted, level_of, v
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
@@ -375,7 +375,7 @@ class SetPositionSteps:
     reporter : makes the sample of the proxy and of the surfaces around it; None: only its position is sent.
     """
 
-    def __init__(self, coupling: SetPositionCoupling, reporter: Teller | None = None) -> None:
+    def __init__(self, coupling: SetPositionCoupling, reporter: SampleReporter | None = None) -> None:
         self.coupling = coupling
         self.reporter = reporter
 

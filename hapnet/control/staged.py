@@ -13,7 +13,7 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import CouplingSample, DeviceLaw, LawSteps, Update, WorldLaw
 from hapnet.control.prediction import PredictedDevice
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 
 Takes = Callable[[Vector], CouplingSample]
@@ -97,7 +97,7 @@ class StagedWorld:
 class StagedSteps(LawSteps):
     """A `WorldCoupling` made of a `StagedWorld`; `reporter` makes the samples of the proxy and its surroundings."""
 
-    def __init__(self, law: StagedWorld, initial_energy: float, reporter: Teller) -> None:
+    def __init__(self, law: StagedWorld, initial_energy: float, reporter: SampleReporter) -> None:
         super().__init__(law, initial_energy, law.stamped)
         self._staged, self._reporter = law, reporter
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, LawServo, LawSteps, WorldCoupling, WorldLaw
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.control.staged import StagedDevice, StagedSteps, StagedWorld, Takes
 from hapnet.couplings import rendering
 from hapnet.couplings.rendering import RenderingTuning
@@ -62,7 +62,7 @@ def stepped_law(
             return LawSteps(law(start), start.initial_energy)
         predicted = rendering.at_world(staged)
         staged_law = StagedWorld(law(start), predicted, takes)
-        reporter = Teller(start.position, predicted, *rendering.reach(staged))
+        reporter = SampleReporter(start.position, predicted, *rendering.reach(staged))
         return StagedSteps(staged_law, start.initial_energy, reporter)
 
     return make

@@ -17,7 +17,7 @@ from hapnet.control.held_steps import FollowerServo
 from hapnet.control.limits import OnSilence, Silence
 from hapnet.control.prediction import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.control.reserve import ForceGuard, Holding
 from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
 from hapnet.control.set_position_servo import SampledServo
@@ -166,7 +166,7 @@ def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: 
         return SetPositionSteps(_at_world(start, make, limited, None))
     source = rendering.at_world(start)
     return SetPositionSteps(
-        _at_world(start, make, limited, source), Teller(start.position, source, *rendering.reach(start))
+        _at_world(start, make, limited, source), SampleReporter(start.position, source, *rendering.reach(start))
     )
 
 
@@ -188,7 +188,7 @@ def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limite
     if start.tuning.contact_model:
         lag = rendering.largest(params.world.damping) + params.follower.own_damping
         source = rendering.at_world(replace(start, params=params.set({"world.damping": lag})))
-        reporter = Teller(start.position, source, *rendering.reach(start))
+        reporter = SampleReporter(start.position, source, *rendering.reach(start))
     return _held(replace(start, harvest="measured"), make, limited, source, None, partial(FollowerServo, reporter))
 
 

@@ -361,7 +361,7 @@ def test_without_pspm_the_same_lies_do() -> None:
 def test_a_proxy_far_from_the_worlds_goes_on_to_two_millimetres_with_its_time_constant(dt: float) -> None:
     """The rest of the way is divided by 1 + dt/0.3 s in a step: backward Euler, which never goes too far."""
     proxy = RubbingProxy([[1.0 / K_WORLD, 0.0], [0.0, 1.0 / K_WORLD]], (0.0, 0.05))
-    proxy.rubs = proxy.has_worlds = 1
+    proxy.has_friction = proxy.has_worlds = 1
     proxy.worlds = [0.012, 0.05]
     for k in range(1, 4):
         agree(proxy, (), 2, dt)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.control.prediction import MOST, MotionPredictor, PredictedDevice
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall
 
@@ -95,7 +95,7 @@ def test_planes_are_sent_that_a_device_reaches_in_a_round_trip_and_none_beyond_a
     """Positions are 0.2 s old, steps take 0.02 s: 0.42 s until the device has an answer; and 50 mm in any case."""
     source = PredictedDevice((0.0,), 0.03, MotionPredictor())
     source.age, source.mean_step = 0.2, 0.02
-    reporter, mass = Teller((0.0,), source, 0.05, speed_mps), PassiveIntegrator(0.02, 14.0, 500.0, (0.0,))
+    reporter, mass = SampleReporter((0.0,), source, 0.05, speed_mps), PassiveIntegrator(0.02, 14.0, 500.0, (0.0,))
     wall = Wall((1.0,), 0.999 * reach_m, 1000.0), Wall((-1.0,), 1.001 * reach_m, 1000.0)
     reporter.moved(mass.step(0.02, (0.0,), contacts := Contacts(wall)), contacts)
     reporter.look(0.02, (0.0,))

@@ -1,4 +1,4 @@
-"""What a real device's side believes of a force when the device is silent for a short time, or reports only sometimes.
+"""The force that a real device's side assumes while the device is silent for a short time, or reports only sometimes.
 
 Each test is one that a fault put into `hapnet/side/real_device.py` did not survive, where no other test saw it.
 """

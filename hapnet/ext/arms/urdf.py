@@ -162,7 +162,7 @@ class _Robot:
         inertia = body.inertia - body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         axis = joint.find("axis")
         limit = joint.find("limit")
-        rubs = joint.find("dynamics")
+        dynamics = joint.find("dynamics")
         ends = limit if joint.get("type") == "revolute" else None
         a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in (inertia + inertia.T) / 2.0)
         return Joint(
@@ -177,8 +177,8 @@ class _Robot:
             upper=self._number(ends, "upper", math.inf),
             effort=self._number(limit, "effort", math.inf) or math.inf,
             speed=self._number(limit, "velocity", math.inf) or math.inf,
-            damping=self._number(rubs, "damping", 0.0),
-            friction=self._number(rubs, "friction", 0.0),
+            damping=self._number(dynamics, "damping", 0.0),
+            friction=self._number(dynamics, "friction", 0.0),
         )
 
     def _body(self, link: ElementTree.Element, pose: _Pose) -> _Body:

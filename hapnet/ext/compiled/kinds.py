@@ -41,7 +41,7 @@ def choices(kind: Kind) -> Choices:
             make_tick: held_tick, samples.of_device: law_sides.of_device, ticks.measure: law_sides.measure,
             ticks.take: law_sides.take_from_world, ticks.act: law_sides.act, ticks.hold: law_sides.hold,
             law_sides.take_at_device: device.take, law.render: device.render,
-            law_sides.say_at_device: device.say, held_device.potential: law_sides.no_energy,
+            law_sides.set_device_outgoing: device.set_outgoing, held_device.potential: law_sides.no_energy,
             held_device.account: law_sides.account_of,
         }  # fmt: skip
     if (world := kind.world) is not None:
@@ -51,7 +51,7 @@ def choices(kind: Kind) -> Choices:
             steps.answer: law_sides.answer,
             samples.of_world: law_sides.of_world,
             law_sides.take_at_world: world.take, law_sides.stamped: world.stamp, law_sides.begin: world.begin,
-            law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.say_at_world: world.say,
+            law_sides.drag: world.drag, law_sides.moved: world.moved, law_sides.set_world_outgoing: world.set_outgoing,
         }  # fmt: skip
     if kind.solid:
         chosen |= solids.AMONG_SOLIDS

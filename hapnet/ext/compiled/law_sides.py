@@ -75,7 +75,7 @@ def act(side: LawDevice, port: PortRecord, now_ns: int) -> MessageSlot:
     law, n, message = side.law, side.plant.dof, links.spare(port.link, 0)
     x, v = side.plant.read_position, side.plant.read_velocity
     if laws.tick(side.servo, side.coupling, law, side.dt, x, v):
-        say_at_device(law, x, v)
+        set_device_outgoing(law, x, v)
         copy(n, law.outgoing.value, message.position)
         copy(n, law.outgoing.more, message.more)
         message.planes, message.reach_m, message.level = 0, -1.0, -1.0
@@ -148,7 +148,7 @@ def of_world(row: WorldRow, side: LawWorld, n: int) -> None:
 def update(side: LawWorld, dt: float, x: Reals, dissipated: float) -> bool:
     """Run the law at the onset of a step, as `LawSteps.update` does; its sample is then in `outgoing`."""
     begin(side.law)
-    say_at_world(side.law)
+    set_world_outgoing(side.law)
     return True
 
 
@@ -175,9 +175,9 @@ def take_at_device(law: DeviceEnd, value: Reals, more: Reals, amount: float, tot
     law.take(value, more, amount, total_s)
 
 
-def say_at_device(law: DeviceEnd, x: Reals, v: Reals) -> None:
+def set_device_outgoing(law: DeviceEnd, x: Reals, v: Reals) -> None:
     """Write the next sample of the device's law into `outgoing`."""
-    law.say(x, v)
+    law.set_outgoing(x, v)
 
 
 def take_at_world(law: WorldEnd, value: Reals, more: Reals, amount: float, total_s: float) -> None:
@@ -205,6 +205,6 @@ def moved(law: WorldEnd, dt: float, vhat: Reals, x: Reals, v: Reals) -> None:
     law.moved(dt, vhat, x, v)
 
 
-def say_at_world(law: WorldEnd) -> None:
+def set_world_outgoing(law: WorldEnd) -> None:
     """Write the next sample of the world's law into `outgoing`."""
-    law.say()
+    law.set_outgoing()

@@ -80,17 +80,17 @@ def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around,
 @equation
 def surface_bytes(own: Endpoint, message: MessageSlot) -> int:
     """The bytes that curvature and friction of the solids' planes add to a message."""
-    bends, rubs = 0, False
+    bends, has_friction = 0, False
     for k in range(message.planes):
         bends += message.bends[k].count
-        rubs = rubs or message.friction[k] != 0.0
+        has_friction = has_friction or message.friction[k] != 0.0
         for j in range(message.bends[k].count):
             if not abs(message.bends[k].per_m[j]) <= MOST_CURVATURE_PER_M:
                 own.impossible = 1
     octets = 0
     if bends:
         octets += own.bends_bytes + message.planes + bends * own.bend_bytes
-    if rubs:
+    if has_friction:
         octets += own.friction_bytes + message.planes * FLOAT_BYTES
     return octets
 

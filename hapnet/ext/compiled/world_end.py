@@ -10,7 +10,7 @@ from hapnet.checks import Vector
 from hapnet.control import prediction, set_position_coupling as couplings
 from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
 from hapnet.control.prediction import PredictedDevice
-from hapnet.control.reporter import Teller
+from hapnet.control.reporter import SampleReporter
 from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
 from hapnet.ext.compiled.sides import move_among
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
@@ -114,7 +114,9 @@ class CompiledSteps(SetPositionSteps):
     coupling, reporter : as in `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
     """
 
-    def __init__(self, coupling: CompiledCoupling, reporter: Teller | None, array: Any, end: Any, run: Any) -> None:
+    def __init__(
+        self, coupling: CompiledCoupling, reporter: SampleReporter | None, array: Any, end: Any, run: Any
+    ) -> None:
         super().__init__(coupling, reporter)
         self._array, self._end, self._run = array, end, run
         self.mass: CompiledMass | None = None

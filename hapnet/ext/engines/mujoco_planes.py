@@ -96,8 +96,8 @@ class SpherePlanes:
         model, own = self._found.model, self._own
         ranks = int(model.geom_priority[own]), int(model.geom_priority[geom])
         counted = [one for one, rank in zip((own, geom), ranks, strict=True) if rank == max(ranks)]
-        rubs = max(model.geom_condim[counted]) > 1
-        return min(float(max(model.geom_friction[counted, 0])), MOST_FRICTION) if rubs else 0.0
+        has_friction = max(model.geom_condim[counted]) > 1
+        return min(float(max(model.geom_friction[counted, 0])), MOST_FRICTION) if has_friction else 0.0
 
     def around(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:
         """Return the planes that the sphere touches or has within `reach_m` [m], with its centre at `position` (n,)

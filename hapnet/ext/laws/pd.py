@@ -123,7 +123,7 @@ class DevicePD(_Gained, DeviceEnd):
             out[i] = self.coordination * self.velocity[i] - self.own * v[i] - self.stiffness * (x[i] - self.y[i])
 
     @equation
-    def say(self, x: Reals, v: Reals) -> None:
+    def set_outgoing(self, x: Reals, v: Reals) -> None:
         """Write the device's motion into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
         copy(self.n, v, self.outgoing.more)
@@ -170,7 +170,7 @@ class WorldPD(_Gained, WorldEnd):
         copy(self.n, vhat, self.vhat)
 
     @equation
-    def say(self) -> None:
+    def set_outgoing(self) -> None:
         """Write the mass's motion into `outgoing`."""
         copy(self.n, self.x, self.outgoing.value)
         copy(self.n, self.vhat, self.outgoing.more)

@@ -151,7 +151,7 @@ class TdpaDevice(DeviceEnd):
             out[i] = share * self.reaction[i] - alpha * v[i]
 
     @equation
-    def say(self, x: Reals, v: Reals) -> None:
+    def set_outgoing(self, x: Reals, v: Reals) -> None:
         """Write the position and E_in into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
         self.outgoing.amount = self.observer.put_in

@@ -276,7 +276,7 @@ def ends(
     """The device's and the world's end of a law over this line, which makes up for lost waves if tuned to."""
 
     def whole(start: CouplingStart[T]) -> WaveReceiver:
-        return IntegralLine(line(start), believes=start.tuning.recovery_s != 0.0)
+        return IntegralLine(line(start), uses_integrals=start.tuning.recovery_s != 0.0)
 
     def device(start: CouplingStart[T]) -> WaveDevice:
         tuning, dof = start.tuning, len(start.position)

@@ -67,7 +67,7 @@ def obstacles(world: World) -> tuple[WallOrSolid, ...] | None:
     return tuple(world.walls) if world.walls or isinstance(contacts, Contacts) else None
 
 
-def rubs(world: World) -> bool:
+def has_friction(world: World) -> bool:
     """Whether any solid of `world` has friction, or touches a tool that turns. Then the force at a place does not
     follow from a spring alone.
     """

@@ -92,7 +92,7 @@ class RigidContacts(SolidContact, Surroundings):
         self.met, self.order = [0] * self.count, [0] * self.count
         self.sights = [zero(Sight) for _ in self.secants]
         self.together = Coupled(3, self.count)
-        self.rubs = int(any(solid.friction for solid in self.solids))
+        self.has_friction = int(any(solid.friction for solid in self.solids))
 
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse

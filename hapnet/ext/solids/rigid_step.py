@@ -35,9 +35,9 @@ class SolidContact(Record):
 
     count, secants : the solids. touching, met : the number of solids that a step meets, and their indices.
     energy_J : e + E_c after the last step. scale : s of the last step; 1: its depths were the true ones.
-    rubs : whether any solid has friction. is_scalar : whether A is a multiple of the identity, for three axes; below 0:
-        not computed yet. went : whether there was a step; end, velocity : its end, and the velocity there. response and
-        the attributes after it: work arrays. sights, order : work arrays for the device's planes, the deepest first.
+    has_friction : whether any solid has friction. is_scalar : whether A is a multiple of the identity, for three axes;
+        below 0: not computed yet. went : whether there was a step; end, velocity : its end, and the velocity there.
+    response and the attributes after it: work arrays. sights, order : work arrays of the planes, deepest first.
     """
 
     dof: int = 0
@@ -48,7 +48,7 @@ class SolidContact(Record):
     met: Annotated[Wholes, (MOST,)]
     energy_J: float
     scale: float
-    rubs: int
+    has_friction: int
     is_scalar: int
     went: int
     end: OfAxes
@@ -103,7 +103,7 @@ def react(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vec
             held += end_J(contacts.secants[contacts.met[i]], delta)
         contacts.energy_J = max(held, contacts.energy_J - _dot(force, delta))  # without rounding max would do nothing
     contacts.energy_J = min(contacts.energy_J, held + ANCHOR_CEILING_J)
-    if contacts.rubs:
+    if contacts.has_friction:
         a, b, c = _begun(contacts, x)
         _put(contacts.velocity, (2.0 * vhat[0] - a, 2.0 * vhat[1] - b, 2.0 * vhat[2] - c))
         _put(contacts.end, _plus(x, delta))

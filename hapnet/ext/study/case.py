@@ -10,7 +10,7 @@ from hapnet.assembly.springs import spring
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS, Measures as Measures
 from hapnet.ext.metrics.measured import Measured
-from hapnet.ext.metrics.obstacles import rubs
+from hapnet.ext.metrics.obstacles import has_friction
 from hapnet.param_sources import RULE
 from hapnet.params import Params
 from hapnet.recording.samples import Recording
@@ -85,7 +85,7 @@ def _studied(params: Params) -> Params:
 def _reference(ideal: Params, seed: int) -> tuple[Measures, Recording, Recording | None]:
     """The reference run over an ideal link: its measures, its recording, and `Measured.local`."""
     run = simulated(ideal, seed)
-    local = simulated(ideal.set(_FAST, RULE), seed).result.recording if rubs(run.scene) else None
+    local = simulated(ideal.set(_FAST, RULE), seed).result.recording if has_friction(run.scene) else None
     whole = run.result.recording
     return measures(replace(run, ideal=whole, local=local)), whole, local
 

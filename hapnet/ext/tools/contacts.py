@@ -205,7 +205,7 @@ class ToolContacts(Surroundings):
         if not self._rubs:
             return True
         resistance = 2.0 * body.mass / dt + body.damping + 0.5 * body.stiffness * dt
-        rubs = False
+        has_friction = False
         for k, (point, secant, x) in enumerate(met):
             if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
                 continue
@@ -217,8 +217,8 @@ class ToolContacts(Surroundings):
             lever = hypot(*point) / self.arm_m
             grip = -secant.friction * planes.pushes[k] * size
             planes.drags[k] = coefficient(grip, hypot(*across), resistance / (1.0 + 0.5 * lever * lever), begun)
-            rubs = rubs or planes.drags[k] > 0.0
-        if not rubs:
+            has_friction = has_friction or planes.drags[k] > 0.0
+        if not has_friction:
             return True
         state.restore(body)
         return step(body, dt, push, ybar, planes)

@@ -136,7 +136,7 @@ class Proud(SimulatedArm):
 
 @pytest.mark.long
 def test_a_torque_limit_that_is_not_in_the_account_is_caught() -> None:
-    """The servo believes that all is well; the hand's port, and the energy of each tick, tell."""
+    """The servo detects no fault; the hand's port, and the energy of each tick, tell."""
     account = run(arm_in_hand(WEAK, kind=Proud, limit=None), reach=0.2)
     assert account.limited > 700
     assert account.closure > 1e-4

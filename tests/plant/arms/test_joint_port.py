@@ -147,7 +147,7 @@ def test_passive_with_seven_joints() -> None:
 
 @pytest.mark.long
 def test_a_torque_limit_that_is_not_in_the_account_is_caught() -> None:
-    """The servo believes that all is well; the hand's port, and the energy of each tick, tell."""
+    """The servo detects no fault; the hand's port, and the energy of each tick, tell."""
     account = held(with_joints(omni(), effort=0.05), kind=Proud, reach=1.0)
     assert account.closure > 1e-4
     assert account.hand < -1e-3

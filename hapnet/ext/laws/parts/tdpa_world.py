@@ -251,7 +251,7 @@ class TdpaWorld(WorldEnd):
         copy(n, vhat, self.vhat)
 
     @equation
-    def say(self) -> None:
+    def set_outgoing(self) -> None:
         """Write the force and E_in into `outgoing`."""
         copy(self.n, self.ended, self.outgoing.value)
         self.outgoing.amount = self.observer.put_in

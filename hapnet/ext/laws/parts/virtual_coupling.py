@@ -77,7 +77,7 @@ class VirtualCoupling(DeviceEnd):
         """Do nothing: positions are not counted, so a new peer's positions simply continue the old peer's."""
 
     @equation
-    def say(self, x: Reals, v: Reals) -> None:
+    def set_outgoing(self, x: Reals, v: Reals) -> None:
         """Write the measured position [m] into `outgoing`."""
         copy(self.n, x, self.outgoing.value)
 

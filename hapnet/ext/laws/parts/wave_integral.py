@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Protocol, cast
 
 from hapnet.checks import Vector
-from hapnet.control.law import UNTOLD
+from hapnet.control.law import NOT_SENT
 from hapnet.control.samples import WaveSample
 from hapnet.records.record import Floats, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy
@@ -55,7 +55,7 @@ def take_from(line: Record, dt: float, out: Floats) -> None:
 class IntegralLine(Record):
     """A line that makes up for lost waves, if their sender sends integrals; otherwise equivalent to `line`.
 
-    line : receives the waves, each over the time since the last. believes : whether integrals are used.
+    line : receives the waves, each over the time since the last. uses_integrals : whether integrals are used.
 
     Attributes
     ----------
@@ -64,16 +64,16 @@ class IntegralLine(Record):
     """
 
     line: Record
-    believes: int
+    uses_integrals: int
     is_newest: int
     newest: OfAxes
     newest_s: float
     mean: OfAxes
 
-    def __init__(self, line: WaveReceiver, *, believes: bool = True) -> None:
+    def __init__(self, line: WaveReceiver, *, uses_integrals: bool = True) -> None:
         super().__init__()
         self.line = cast(Record, line)  # plain Python takes any line
-        self.believes = int(believes)
+        self.uses_integrals = int(uses_integrals)
 
     def clear(self) -> None:
         cast(WaveReceiver, self.line).clear()
@@ -82,7 +82,7 @@ class IntegralLine(Record):
     def push(self, wave: WaveSample) -> None:
         if len(self.mean) != (n := len(wave.value)):
             self.mean, self.newest = [0.0] * n, [0.0] * n
-        put(self, wave.value, wave.total, wave.span, wave.total_s if wave.total else UNTOLD)
+        put(self, wave.value, wave.total, wave.span, wave.total_s if wave.total else NOT_SENT)
 
     def take(self, dt: float) -> Vector:
         return cast(WaveReceiver, self.line).take(dt)
@@ -91,7 +91,7 @@ class IntegralLine(Record):
 @equation
 def put(line: IntegralLine, value: Reals, more: Reals, span: float, total_s: float) -> None:
     """Push a wave, or the mean wave since the newest integral, into the line: `IntegralLine.push`."""
-    if line.believes and total_s >= 0.0:
+    if line.uses_integrals and total_s >= 0.0:
         since = total_s - line.newest_s
         was_known = line.is_newest != 0
         if was_known and since <= 0.0:

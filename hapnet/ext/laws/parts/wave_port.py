@@ -108,7 +108,7 @@ class WaveDevice(_Port, DeviceEnd):
         self.rendered[:] = [0.0] * self.n
 
     @equation
-    def say(self, x: Reals, v: Reals) -> None:
+    def set_outgoing(self, x: Reals, v: Reals) -> None:
         """Write the wave since the last sample into `outgoing`."""
         outgoing, span, unsent = self.outgoing, self.span, self.unsent
         outgoing.amount = span
@@ -204,7 +204,7 @@ class WaveWorld(_Port, WorldEnd):
         self.out_s = dt
 
     @equation
-    def say(self) -> None:
+    def set_outgoing(self) -> None:
         """Write the wave into `outgoing`, each wave once: a paused world sends zero."""
         copy(self.n, self.out, self.outgoing.value)
         self.outgoing.amount = self.out_s
