@@ -35,7 +35,7 @@ def stalls(summary: Summary) -> Iterator[str]:
         if without_s:
             yield f"{seconds(without_s)} s without force in all"
         if withheld_s := servo["withheld_s"]:
-            yield f"no force for {withheld_s:.2g} s: the process of the device's network stood still"
+            yield f"no force for {withheld_s:.2g} s: the device's network process was stopped"
 
 
 def rates(summary: Summary) -> Iterator[str]:

@@ -32,11 +32,11 @@ from hapnet.summary.words import (
     number,
     outcome,
     percent,
+    rounded,
     shuffled,
     text,
     tuning,
     verdict,
-    rounded,
 )
 from hapnet.units import METRES, within
 
@@ -264,7 +264,9 @@ def verdict_text(tree: object) -> RenderableType:
 def margin_words(summary: Summary) -> str:
     """What the margins in the tables mean."""
     bound = known(summary["theorem"]["bound_J"])
-    allowed, more = ("d²", "it") if bound is None else (f"the {millijoule(bound)} mJ allowed", f"{millijoule(bound)} mJ")
+    allowed, more = (
+        ("d²", "it") if bound is None else (f"the {millijoule(bound)} mJ allowed", f"{millijoule(bound)} mJ")
+    )
     return (
         f"margin: {allowed}, plus the energy that hand and world have put in, minus the energy that came out; "
         f"so it may exceed {more}"

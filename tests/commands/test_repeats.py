@@ -2,7 +2,7 @@ from hypothesis import given, strategies as st
 
 from hapnet.commands.log import EVERY_NS, REPEATING, REPORTED, Repeats
 
-SILENT = "nothing from the world for 0.50 s: the set-position is held"
+SILENT = "no data from the world for 0.5 s; holding its last position"
 
 
 def test_a_thing_that_happens_29_times_is_three_lines_and_one_that_counts() -> None:

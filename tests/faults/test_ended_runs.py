@@ -30,7 +30,7 @@ LIMIT_S = 180.0
 HOW = {
     signal.SIGKILL: "was killed by SIGKILL",
     signal.SIGTERM: "was ended by SIGTERM",
-    signal.SIGSTOP: "was stopped by a signal, and did not go on",
+    signal.SIGSTOP: "was stopped by a signal, and not continued",
 }
 
 
@@ -121,7 +121,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
     assert torn == ([who] if killed and out / f"{who}.mcap" in there else [])
     if torn:
         assert verdict["passive"] is not True
-        assert re.search(f"the {who}'s (recording is torn|account is not here)", verdict["reason"])
+        assert re.search(f"the {who}'s (recording is incomplete|account is missing)", verdict["reason"])
     when = f"{who:8} {number.name} {moment.after_s:.2f} s after {moment.since:9}"
     print(f"{when}: code {code:3}, {len(there)} recordings, {verdict['passive']}: {verdict['reason']}")
 

@@ -7,8 +7,8 @@ from rich.console import Console
 from hapnet.summary.tables import brief_text, summary_text
 from hapnet.summary.words import verdict
 
-ALONE = "passivity not known: of both ports together only, and the world's account is not here"
-APART = "passivity not known: of both ports together only, and both were not seen at the same time"
+ALONE = "passivity not known: this coupling is passive only at both ports together, and the world's account is missing"
+APART = "passivity not known: this coupling is passive only at both ports together, and no clock covers both"
 NOTHING = "passivity not known: there is no energy account"
 LINK = "delay 40ms 10ms distribution normal loss 2%"
 
@@ -21,7 +21,7 @@ LINK = "delay 40ms 10ms distribution normal loss 2%"
         ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT passive: margin -2e-06 mJ"),
         (
             {"theorem": None, "device": {"ledger": {"margin_J": 0.5, "bound_J": 0.6}}},
-            "passivity not known: the world's account is not here; the device's half held, at most 100 of its 600 mJ "
+            "passivity not known: the world's account is missing; the device's half held and gave out at most 100 mJ of its 600 mJ"
             "ever came out",
         ),
         (

@@ -126,7 +126,7 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "eservoir" not in reported + found.attributes("img")[0]["alt"]
     assert "slack" not in reported
     alone = page_of(replace(recording, world=None, summary={**result.summary, "world": None, "theorem": {}}))
-    assert "Passivity not known: of both ports together only" in alone.sections[""]
+    assert "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together" in alone.sections[""]
 
 
 def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
@@ -152,7 +152,7 @@ def test_a_verdict_is_told_in_words_and_colour() -> None:
     assert "verdict unknown" in [attributes.get("class") for attributes in found.attributes("p")]
     half = {"device": {"ledger": {"margin_J": 0.5}}}
     found = page_of(replace(run(sides="device", seconds=1), summary=half))
-    assert "Passivity not known: the world's account is not here; the device's half held" in found.sections[""]
+    assert "Passivity not known: the world's account is missing; the device's half held" in found.sections[""]
     assert "the files of both sides" in found.sections[""]
 
 
@@ -241,7 +241,7 @@ def test_many_events_are_folded_and_far_too_many_counted() -> None:
     recording = run(seconds=1)
     few = [
         Event(-4_000_000, "paired", "paired with the world"),
-        Event(1_500_000_000, "heard", "the world is heard again"),
+        Event(1_500_000_000, "heard", "data from the world again"),
     ]
     found = page_of(replace(recording, events=few, summary={}))
     assert "-0.004\npaired\npaired with the world\n1.500\nheard" in found.sections["Silences and events"]
@@ -353,5 +353,5 @@ def test_what_a_hand_led_live_did_is_made_again_by_another_or_replayed(capsys: p
 
 def test_a_torn_file_is_told_of_at_the_top() -> None:
     found = page_of(run(seconds=1), ReportSource(Path("d/device.mcap"), "device", torn=True, repaired=Path("d/r.mcap")))
-    assert "device.mcap is torn: its writer was killed" in found.sections[""]
+    assert "device.mcap is incomplete: the process that wrote it was killed" in found.sections[""]
     assert "d/r.mcap" in found.sections["Files"]

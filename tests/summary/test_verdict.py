@@ -89,13 +89,13 @@ def test_what_makes_a_run_not_passive(changes: dict[str, Any], words: str) -> No
 DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "deficit": ({"device.deficit_max_J": 2e-12}, "the device gave out 2e-09 mJ that its reservoir did not have"),
     "world's deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),
-    "dead stream": ({"world.unanswered_s": 55.25}, "the world's energy stream is dead: nothing of it was acknowledged"),
-    "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is not here"),
-    "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is not here"),
+    "dead stream": ({"world.unanswered_s": 55.25}, "the world's energy stream is dead: no acknowledgement"),
+    "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is missing"),
+    "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is missing"),
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
     "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was restarted"),
     "torn": ({"torn": ["device"]}, "the device's recording is torn"),
-    "no fit": ({"theorem.margin_J": None}, "the accounts of both sides do not fit each other"),
+    "no fit": ({"theorem.margin_J": None}, "the accounts of the two sides do not match"),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "both ended": (
         {"device.failed": "no power", "world.failed": "no power"},

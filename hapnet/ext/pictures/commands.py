@@ -64,7 +64,7 @@ def report(
             with written.part():
                 source = replace(source, repaired=repair(source.path))
             copy = f": repaired and indexed copy in {source.repaired}" if source.repaired else ""
-            words.print(f"{source.path} is torn (its writer was killed){copy}", markup=False)
+            words.print(f"{source.path} is incomplete (the process that wrote it was killed){copy}", markup=False)
         sources.append(source)
     found = replace(found, sources=tuple(sources))
     first = found.sources[0].path
