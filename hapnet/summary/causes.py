@@ -66,8 +66,14 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     "no reading": Cause(None, INCOMPLETE, "the {side}'s account is missing: {name} gave no reading"),
     "account": Cause(None, INCOMPLETE, "the {side}'s account is missing{rest}"),
     "accounts": Cause(None, INCOMPLETE, "there is no energy account"),
-    "joint account": Cause(None, INCOMPLETE, "this coupling is passive only at both ports together, and the {side}'s account is missing"),
-    "not at once": Cause(None, 0, "this coupling is passive only at both ports together, and no clock covers both"),
+    "joint account": Cause(
+        None,
+        INCOMPLETE,
+        "this coupling is passive only at both ports together, and the {side}'s account is missing",
+    ),
+    "not at once": Cause(
+        None, 0, "this coupling is passive only at both ports together, and no clock covers both"
+    ),
     "no fit": Cause(None, 0, "the accounts of the two sides do not match"),
     "restart": Cause(None, 0, "the {side} was restarted: the account of its earlier process is not known"),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),

@@ -155,8 +155,8 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     security = settings.security
     if exposed and security.secret_file is None:
         warnings += (
-            f"listening on {', '.join(exposed)} without --secret-file: anyone who reaches it can pose as the other side, "
-            "or intercept the pairing; use --secret-file, tls/ or quic/ with --tls-cert, --tls-key, "
+            f"listening on {', '.join(exposed)} without --secret-file: anyone who reaches it can pose as the other "
+            "side, or intercept the pairing; use --secret-file, tls/ or quic/ with --tls-cert, --tls-key, "
             "--tls-ca and --mutual-tls, or 127.0.0.1",
         )
     elif exposed and not security.encrypt:

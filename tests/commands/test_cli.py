@@ -193,7 +193,7 @@ def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory
 
 def test_six_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> None:
     short = ("--duration", "0.5", "--out", str(tmp_path))
-    begin = ["passive: ", "tracking error (rms): ", "largest force: ", "wall: 3000 N/m, felt as 171.4 N/m ",
+    begin = ["PASSIVE: ", "tracking error (rms): ", "largest force: ", "wall: 3000 N/m, felt as 171.4 N/m ",
              "path: round trip ", "files: "]  # fmt: skip
     assert cli.main(["simulate", *short]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -205,7 +205,7 @@ def test_six_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> 
     for command in (["simulate", *short, "-v"], ["report", str(tmp_path / "run.mcap"), "--verbose"]):
         assert cli.main(command) == 0
         out = capsys.readouterr().out
-        assert out.startswith("passive: ")
+        assert out.startswith("PASSIVE: ")
         assert all(f"\n{title}" in out for title in ("both ports", "sides", "shuffled energy", "path, ", "motion"))
         assert "[J]" not in out
 

@@ -23,7 +23,7 @@ from tests.faults import test_ended_runs
 from tests.faults.support import let_pass
 from tests.support.processes import Program, read_json, started, until
 
-VERDICTS = r"\d+: .*, \d+ s: (passive|NOT passive|passivity not known): "
+VERDICTS = r"\d+: .*, \d+ s: (passive|NOT passive|PASSIVITY NOT KNOWN): "
 WHO = ("launcher", "device", "world", "servo", "standby")
 SIDES = ("device", "world")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM)

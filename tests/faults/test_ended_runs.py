@@ -20,7 +20,7 @@ from hapnet.recording.mcap import read_recording
 from tests.faults.support import let_pass
 from tests.support.processes import Program, child_of, read_json, size, started
 
-VERDICTS = ("passive: ", "NOT passive: ", "passivity not known: ")
+VERDICTS = ("PASSIVE: ", "NOT PASSIVE: ", "PASSIVITY NOT KNOWN: ")
 WHO = ("launcher", "device", "world", "servo")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGSTOP)
 DURATION_S = 2.5

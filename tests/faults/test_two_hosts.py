@@ -66,7 +66,7 @@ def test_two_hosts_with_the_commands_as_printed(tmp_path: Path) -> None:
                     assert code == 0, out + err
                     assert "paired with the" in out
                     doubt = "account as it reported it; the peer's identity is not proven: "
-                    assert re.search(rf"^passive: .*'s {doubt}", out, re.MULTILINE), out
+                    assert re.search(rf"^PASSIVE: .*'s {doubt}", out, re.MULTILINE), out
                     assert re.search(r"^largest force: [0-9.]+ N, ", out, re.MULTILINE), out
                     assert re.search(r"^path: .*lost up.*lost down$", out, re.MULTILINE), out
     except Unavailable as reason:

@@ -101,7 +101,10 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
         "Commands that repeat the run", "Settings", "Versions", "Files",
     ]  # fmt: skip
     theorem = simulated.summary["theorem"]
-    assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out" in found.sections[""]
+    assert (
+        f"PASSIVE: gave out at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out"
+        in found.sections[""]
+    )
     assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]
     run_of = found.sections["The run"].split("\n")
     facts = dict(zip(run_of[::2], run_of[1::2], strict=False))
@@ -141,18 +144,18 @@ def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
 
 def test_a_verdict_is_told_in_words_and_colour() -> None:
     for margin, kind, words in (
-        (-0.01, "bad", "NOT passive: 110 mJ came out of both ports, of d² = 100 mJ"),
-        (0.01, "good", "Passive: at most 90 of d² = 100 mJ ever came out"),
+        (-0.01, "bad", "NOT PASSIVE: gave out 110 mJ, more than the 100 mJ allowed"),
+        (0.01, "good", "PASSIVE: gave out at most 90 mJ of the 100 mJ allowed"),
     ):
         found = page_of(replace(run(seconds=1), summary={"theorem": {"margin_J": margin, "bound_J": 0.1}}))
         assert words in found.sections[""]
         assert f"verdict {kind}" in [attributes.get("class") for attributes in found.attributes("p")]
     found = page_of(replace(run(seconds=1), summary={}))
-    assert "Passivity not known" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN" in found.sections[""]
     assert "verdict unknown" in [attributes.get("class") for attributes in found.attributes("p")]
     half = {"device": {"ledger": {"margin_J": 0.5}}}
     found = page_of(replace(run(sides="device", seconds=1), summary=half))
-    assert "Passivity not known: the world's account is missing; the device's half held" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN: the world's account is missing; the device's half held" in found.sections[""]
     assert "the files of both sides" in found.sections[""]
 
 
@@ -208,7 +211,7 @@ def test_whatever_a_recording_says_is_text(text: str, capsys: pytest.CaptureFixt
         shown = legible(escapable(part))[:1500]
         assert shown in found.sections["Silences and events"]
         assert shown[:20] in found.sections["Settings"]
-    assert "Passivity not known" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN" in found.sections[""]
     assert "\x1b" not in capsys.readouterr().out
 
 

@@ -21,10 +21,10 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "diverged": ({"theorem.diverged": True}, "the run diverged: its energy account is no longer finite"),
     "bound": (
         {"theorem.margin_J": -0.0125},
-        "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ",
+        "gave out 112.5 mJ, more than the 100 mJ allowed",
     ),
     "margin": ({"theorem": {"margin_J": -0.0125}}, "margin -12.5 mJ"),
-    "half": ({"world.ledger.margin_J": -0.003}, "the world's half: margin -3 mJ"),
+    "half": ({"world.ledger.margin_J": -0.003}, "the margin of the world's half fell to -3 mJ"),
     "slack": (
         {"device.ledger": {"margin_J": 0.05, "slack_J": -0.004}},
         "the device's half of the theorem fails by 4 mJ",
@@ -33,7 +33,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         {"device.true_slack_J": -0.004},
         "with the true positions the device's half of the theorem fails by 4 mJ",
     ),
-    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "at the hand and the walls: margin -150 mJ"),
+    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "the margin at the hand and the walls fell to -150 mJ"),
     "never sent": (
         {"energy.down": FLOW | {"credited_nJ": 10_466_000_010}},
         "the device credited 10466 mJ that the world never sent",
@@ -160,7 +160,7 @@ def test_no_run_without_the_devices_account_ends_with_0(capsys: pytest.CaptureFi
 
 
 def test_a_world_that_was_killed_did_not_fail() -> None:
-    """Its recording is torn, which is the cause."""
+    """Its recording is incomplete, which is the cause."""
     changes = {"torn": ["world"], "world.failed": "was killed by SIGKILL"}
     assert [one.cause for one in findings(but(changes))] == ["torn"]
 

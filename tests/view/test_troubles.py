@@ -36,7 +36,7 @@ def test_a_servo_that_was_away_is_told_for_a_while() -> None:
         track(50.0), track(50.0), "pspm", Event(1, "overrun", "earlier"), away, Event(9, "link", "better")
     )
     troubles = Troubles()
-    line = "the servo stalled for 24.0 ms (machine too busy): no force until it is on time again; this machine is too busy for its servo"
+    line = "the servo stalled for 24.0 ms (machine too busy): no force until it is on time again"
     assert troubles.now(reported, 10.0) == [line]
     assert troubles.now(reported, 9.9 + SHOWN_S) == [line]
     assert troubles.now(reported, 10.1 + SHOWN_S) == []

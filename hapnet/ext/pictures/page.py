@@ -157,7 +157,8 @@ def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html
 
 
 def _torn(source: ReportSource) -> str:
-    words = f"{source.path.name} is incomplete: the process that wrote it was killed. The report covers the samples that can be read"
+    words = f"{source.path.name} is incomplete: the process that wrote it was killed. "
+    words += "The report covers the samples that can be read"
     return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
 
 
