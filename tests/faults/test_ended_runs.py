@@ -17,6 +17,7 @@ from typing import NamedTuple
 import pytest
 
 from hapnet.recording.mcap import read_recording
+from hapnet.summary.words import headline
 from tests.faults.support import let_pass
 from tests.support.processes import Program, child_of, read_json, size, started
 
@@ -113,7 +114,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
         assert re.search(f"^hapnet: {process} {early}({how})$", stderr, re.MULTILINE), stderr
     verdict = read_json(out / "summary.json")["verdict"]
     said = next(line for line in stdout.splitlines() if line.startswith(VERDICTS))
-    assert said.endswith(f": {verdict['reason']}")
+    assert said == headline(read_json(out / "summary.json"))[0]
     assert all((out / page).stat().st_size > 10_000 for file in there)
     if code == 2 and verdict["passive"] is not None:
         assert f"the {'device' if who == 'servo' else who} ended before its time: " in verdict["reason"]

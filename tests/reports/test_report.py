@@ -4,7 +4,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hapnet.summary.tables import verdict_text, summary_text
+from hapnet.summary.structure import read
+from hapnet.summary.tables import brief, summary_text
 from hapnet.summary.words import verdict
 
 ALONE = "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together, and the world's account is missing"
@@ -90,7 +91,7 @@ def test_the_summary_as_a_table() -> None:
         }
     )
     assert text.splitlines()[0] == "PASSIVE: gave out at most 68.8 mJ of the 100 mJ allowed"
-    assert text.splitlines()[1] == "coupling pspm, seed 3, duration 10 s"
+    assert text.splitlines()[4] == "coupling pspm, seed 3, duration 10 s"
     rows = cells(text)
     assert rows["energy that came out, most [mJ]"] == ["68.8"]
     assert rows["bound d² [mJ]"] == ["100"]
@@ -144,21 +145,12 @@ def test_what_matters_most_in_four_lines() -> None:
                    "peak_penetration_m": 0.0018},
         "path": {"round_trip_p50_ms": 83.04, "round_trip_p99_ms": 110.2, "up": {"sent": 400, "lost": 9}, "down": None},
     }  # fmt: skip
-    assert brief_lines(summary) == [
-        "PASSIVE: gave out at most 68.8 mJ of the 100 mJ allowed",
+    assert brief(read(summary)) == [
         "tracking error (rms): 2.34 mm free, 10.4 mm in contact",
         "largest force: 3.217 N, 1 contact, 1.8 mm deep at most",
         "path: round trip 83.04 ms (99 %: 110.2), 2.25 % lost up",
     ]
     summary["motion"] |= {"free_rms_m": None, "contacts": 0}
-    assert brief_lines(summary)[1:3] == ["tracking error (rms): 10.4 mm in contact", "largest force: 3.217 N"]
-    assert brief_lines({}) == [
-        NOTHING,
-        *(f"{name}: not known" for name in ("tracking error (rms)", "largest force", "path")),
-    ]
-
-
-def brief_lines(summary: dict[str, Any]) -> list[str]:
-    out = io.StringIO()
-    Console(file=out, width=100).print(verdict_text(summary))
-    return out.getvalue().splitlines()
+    assert brief(read(summary))[:2] == ["tracking error (rms): 10.4 mm in contact", "largest force: 3.217 N"]
+    names = ("tracking error (rms)", "largest force", "path")
+    assert brief(read({})) == [f"{name}: not known" for name in names]

@@ -47,7 +47,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
                 Notice("refused", f"{says}: 2 axes, not 1", 7 * SECOND, "error", {"reason": "2 axes, not 1"}),
             )
             for event, says in (
-                (Mismatch, "a world does not fit"),
+                (Mismatch, "a world was refused"),
                 (PeerRefused, "a world that is not this side's peer refuses this side"),
                 (partial(PeerRefused, by_peer=True), "the world refuses this side"),
             )

@@ -176,7 +176,7 @@ def test_the_page_has_each_row_of_the_table_and_no_other() -> None:
     page = (ROOT / "hapnet" / "summary" / "README.md").read_text("utf-8")
     table = page.partition("| cause | verdict | exit code | sentence |\n|---|---|---|---|\n")[2].partition("\n\n")[0]
     rows = [re.split(r" *\| *", line.strip("| ")) for line in table.splitlines()]
-    words = {False: "*NOT passive*", None: "*not known*", True: "any"}
+    words = {False: "*NOT PASSIVE*", None: "*NOT KNOWN*", True: "any"}
     assert rows == [[name, words[row.passive], str(row.code), row.sentence] for name, row in CAUSES.items()]
 
 
