@@ -303,7 +303,8 @@ def summary_text(tree: object) -> RenderableType:
     )
     both = [drawn(ports), Text(margin_words(summary)), Text("")] if ports.rows else []
     rest = [drawn(table) for table in tables if table.rows]
-    return Group(_styled(verdict(tree), tree), *map(Text, (*brief(summary), _about(summary))), *both, *rest)
+    known_figures = [line for line in (*brief(summary), _about(summary)) if line and not line.endswith(": not known")]
+    return Group(_styled(verdict(tree), tree), *map(Text, known_figures), *both, *rest)
 
 
 def _styled(line: str, tree: object) -> Text:

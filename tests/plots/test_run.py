@@ -197,7 +197,7 @@ def test_of_ports_that_are_passive_together_only_their_sum_is_drawn() -> None:
     assert set(lines(alone.axes[-1])) == {"device's port"}
     assert alone.axes[-1].get_ylabel() == "energy put in + d² [mJ]"
     assert not alone.axes[-1].patches
-    assert "of both ports together only" in " ".join(title(alone).split())
+    assert "only at both ports together" in " ".join(title(alone).split())
 
 
 def test_a_long_title_is_not_broken_inside_a_setting() -> None:

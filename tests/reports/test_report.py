@@ -27,7 +27,7 @@ LINK = "delay 40ms 10ms distribution normal loss 2%"
         ),
         (
             {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
-            "passive: margin at least 750 mJ",
+            "PASSIVE: margin at least 750 mJ",
         ),
         ({"coupling": "pd", "device": {"ledger": {"margin_J": -0.5}}}, ALONE),
         ({"coupling": "popc", "world": {"ledger": {"margin_J": 0.5}}}, ALONE.replace("world", "device")),
@@ -91,7 +91,7 @@ def test_the_summary_as_a_table() -> None:
         }
     )
     assert text.splitlines()[0] == "PASSIVE: gave out at most 68.8 mJ of the 100 mJ allowed"
-    assert text.splitlines()[4] == "coupling pspm, seed 3, duration 10 s"
+    assert text.splitlines()[3] == "coupling pspm, seed 3, duration 10 s"
     rows = cells(text)
     assert rows["energy that came out, most [mJ]"] == ["68.8"]
     assert rows["bound d² [mJ]"] == ["100"]

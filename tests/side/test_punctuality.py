@@ -51,14 +51,15 @@ def test_the_end_of_a_row_is_reported_if_its_last_ticks_were_not() -> None:
     _, events = seen([1.0, 30.0, 30.0, 30.0, 1.0, 1.0])
     assert [event.text for event in stalls(events)] == [
         "the servo stalled for 30.0 ms (machine too busy): no force until it is on time again",
-        "the servo stalled for 0.09 s, late at each of 3 ticks: no force",
+        "the servo stalled for 0.09 s, late at each of 3 ticks (machine too busy): no force until it is on time again",
     ]
 
 
 def test_a_later_stall_says_how_many_there_were() -> None:
     _, events = seen([1.0, 30.0, 1.0, 40.0, 1.0])
     assert stalls(events)[-1].text == (
-        "the servo stalled for 40.0 ms: no force (2 late ticks so far, 0.071 s without force)"
+        "the servo stalled for 40.0 ms (machine too busy): no force until it is on time again "
+        "(2 late ticks so far, 0.071 s without force)"
     )
 
 

@@ -23,7 +23,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         {"theorem.margin_J": -0.0125},
         "gave out 112.5 mJ, more than the 100 mJ allowed",
     ),
-    "margin": ({"theorem": {"margin_J": -0.0125}}, "margin -12.5 mJ"),
+    "margin": ({"theorem": {"margin_J": -0.0125}}, "the margin fell to -12.5 mJ"),
     "half": ({"world.ledger.margin_J": -0.003}, "the margin of the world's half fell to -3 mJ"),
     "slack": (
         {"device.ledger": {"margin_J": 0.05, "slack_J": -0.004}},

@@ -73,7 +73,7 @@ AGAINST: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "the margin at the hand and the walls fell to -150 mJ"),
     "hand at the end": ({"hand": {"work_J": -0.3}, "environment": {"work_J": 0.05}}, "the walls fell to -150 mJ"),
-    "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "it diverged"),
+    "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "the run diverged"),
 }
 
 
