@@ -42,7 +42,10 @@ def export(
     whole = found.whole
     for file, recording in zip(found.files, found.parts, strict=True):
         if recording.torn:
-            words.print(f"{file} is torn (its writer was killed): its tables end where it ends", markup=False)
+            words.print(
+                f"{file} is incomplete (the process that wrote it was killed): its tables end where it ends",
+                markup=False,
+            )
     if len(found.files) == 2:
         words.print(f"clocks: {alignment.words(whole.meta)}")
     directory = found.files[0].parent if out is None else output.run_directory(out, None)

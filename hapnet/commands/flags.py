@@ -138,7 +138,9 @@ Recorded = Annotated[
 ]
 SideOut = Annotated[Path | None, out_in("runs/<UTC time>-<device or world>")]
 Files = Annotated[bool, typer.Option("--files/--no-files", help="Write recording, figure and summary.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary, not only five lines.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Show every figure, notice and file, not only two lines.")
+]
 Realtime = Annotated[
     bool,
     typer.Option(

@@ -59,9 +59,9 @@ def introduced(params: Params, ask: Callable[[str], object] | None) -> Params:
     if (mass := mass_of(params.hardware, params.dof)) is None:
         if ask is not None:
             ask(
-                f"{params.hardware} is new here. At the start hapnet pushes its handle to and fro, by up to"
-                f" {params.device.self_test_N:g} N for 0.4 s, to see that it follows.\n"
-                "Hold it loosely, away from the ends of its range, and press Enter (Ctrl-C: not now) "
+                f"hapnet has not used {params.hardware} on this machine before. First it pushes the handle back and"
+                f" forth with up to {params.device.self_test_N:g} N for 0.4 s, to check that it moves as it should.\n"
+                "Hold the handle loosely, away from the ends of its range, and press Enter (Ctrl-C to cancel) "
             )
         return params
     if not mass or "device.known_mass_kg" in params.given:

@@ -1,16 +1,19 @@
 """Writes a side's notices: as text on the console, and as one JSON object per line for programs.
 
-A notice that repeats is shown on the console a few times, and then only counted; a log for programs has all notices.
+A notice that repeats is shown on the console once, and then only counted; a log for programs has all notices.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from hapnet.commands.output import write_line
@@ -22,54 +25,61 @@ if TYPE_CHECKING:
 
 STYLES = {"info": "", "warning": "yellow", "error": "red"}
 
-REPORTED = 3
-"""A kind of notice is shown this often within `EVERY_NS`."""
+EVERY_NS = 60_000_000_000
+"""A kind of notice is shown once in this time [ns], with the number of those that were not shown."""
 
-EVERY_NS = 10_000_000_000
+REPEATING: Mapping[str, str] = MappingProxyType({
+    "silent": "silence_s", "heard": "silence_s", "link": "gone_s", "overrun": "", "rate": ""
+})  # fmt: skip
+"""Kinds of notices that a bad network or a busy machine causes again and again, with the name of their duration."""
 
-REPEATING = frozenset({"silent", "heard", "overrun", "link", "rate"})
-"""Kinds of notices that a bad network or a busy machine causes again and again."""
+_COUNTED_AS = {"heard": "silent"}
+"""A silence has two notices, one when it begins and one when it ends; only the first is counted."""
 
 
 @dataclass
 class _Kind:
+    text: str
     begin_ns: int
-    shown: int = 0
-    not_shown: int = 0
-    text: str = ""
+    count: int = 0  # of those that are not shown
+    longest_s: float = 0.0
+
+    def counted(self) -> str:
+        """The line for those that are not shown."""
+        longest = f", the longest {self.longest_s:.2g} s" if self.longest_s else ""
+        return f"{self.text} ... {self.count} more time{'s' * (self.count > 1)}{longest}"
 
 
 class Repeats:
-    """Decides which notices are shown on the console; `who` is the name of the side that sends them.
+    """Decides which notices are shown on the console; `who` is the name of the side that sends them."""
 
-    shown : how many notices of a kind are shown within `EVERY_NS`.
-    """
-
-    def __init__(self, shown: int = REPORTED) -> None:
-        self._shown = shown
+    def __init__(self) -> None:
         self._kinds: dict[tuple[str, str], _Kind] = {}
 
-    def line(self, who: str, kind: str, text: str, now_ns: int) -> str | None:
-        """The line to show for a notice, with the number of hidden notices before it; None: do not show it."""
-        if kind not in REPEATING:
+    def line(self, who: str, notice: Mapping[str, Any]) -> str | None:
+        """The line to show for a notice, as `record` makes it; None: do not show it."""
+        name, text, now_ns = str(notice["kind"]), str(notice["text"]), int(notice["monotonic_ns"])
+        if name not in REPEATING:
             return text
-        found = self._kinds.get((who, kind))
-        if found is None or now_ns - found.begin_ns >= EVERY_NS:
-            not_shown = found.not_shown if found is not None else 0
-            self._kinds[who, kind] = _Kind(now_ns, shown=1)
-            return f"{text} ({not_shown} more like this before it)" if not_shown else text
-        if found.shown < self._shown:
-            found.shown += 1
+        key = who, re.sub(r"[0-9.]+", "", text) if name == "link" else name
+        kind = self._kinds.get(key)
+        if kind is None:
+            self._kinds[key] = _Kind(text, now_ns)
             return text
-        found.not_shown += 1
-        found.text = text
-        return None
+        counted = self._kinds.get((who, _COUNTED_AS.get(name, "")), kind)
+        counted.longest_s = max(counted.longest_s, float(notice.get("values", {}).get(REPEATING[name], 0.0)))
+        if counted is kind:
+            kind.count, kind.text = kind.count + 1, text
+        if not kind.count or now_ns - kind.begin_ns < EVERY_NS:
+            return None
+        self._kinds[key] = _Kind(text, now_ns)
+        return kind.counted()
 
     def rest(self) -> list[tuple[str, str]]:
-        """At the end: for each kind with hidden notices, its side and a line that counts them."""
-        not_shown = [(who, kind) for (who, _), kind in self._kinds.items() if kind.not_shown]
+        """At the end: for each kind with notices that were not shown, its side and a line that counts them."""
+        found = [(who, kind.counted()) for (who, _), kind in self._kinds.items() if kind.count]
         self._kinds.clear()
-        return [(who, f"{kind.text} (the last of {kind.not_shown} more like this)") for who, kind in not_shown]
+        return found
 
 
 class Log:
@@ -81,7 +91,7 @@ class Log:
     role : of this side.
     console : shows text; None: no text is shown.
     target : of the JSON lines: a file, "-" for standard output; None: they are not written.
-    progress : log the run's progress too.
+    progress : log the run's progress too. verbose : show the state of the path too.
 
     Attributes
     ----------
@@ -90,8 +100,11 @@ class Log:
     Raises HapnetError: the file cannot be written.
     """
 
-    def __init__(self, role: str, console: Console | None, target: str | None, *, progress: bool = False) -> None:
+    def __init__(
+        self, role: str, console: Console | None, target: str | None, *, progress: bool = False, verbose: bool = False
+    ) -> None:
         self._role, self._words, self._progress = role, console, progress
+        self._hidden = {"progress", "signal"} | (set() if verbose else {"path"})
         self._file: int | None = None
         self._target = target
         self.failure: str | None = None
@@ -110,8 +123,8 @@ class Log:
         if notice.kind == "progress" and not self._progress:
             return
         self.write(notice)
-        text = self._repeats.line(self._role, notice.kind, notice.text, notice.at_ns)
-        if notice.kind not in ("progress", "signal") and text is not None:
+        text = self._repeats.line(self._role, record(notice, self._role, self._time(notice.at_ns)))
+        if notice.kind not in self._hidden and text is not None:
             self._say(replace(notice, text=text))
 
     def write(self, notice: Notice) -> None:

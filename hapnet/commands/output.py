@@ -258,7 +258,7 @@ def write_line(file: int, line: bytes, name: str) -> None:
 
 
 def show_warnings(out: Console, warnings: tuple[str, ...]) -> None:
-    """Show each warning, before the run begins."""
+    """Show each warning."""
     for warning in warnings:
         out.print(f"warning: {warning}", style="yellow", markup=False)
 
@@ -268,11 +268,32 @@ def show_kernel(out: Console, why_not: str | None) -> None:
     out.print("run by the compiled kernel" if why_not is None else f"not run by the compiled kernel: {why_not}")
 
 
-def show_summary(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
-    """Print the verdict and the main results in a few lines or, if `verbose`, all tables."""
-    from hapnet.summary.tables import brief_text, summary_text
+def show_verdict(out: Console, summary: Mapping[str, Any], *, verbose: bool) -> None:
+    """Print the verdict in one line or, if `verbose`, with all figures."""
+    from hapnet.summary.tables import summary_text, verdict_text
 
-    out.print(summary_text(summary) if verbose else brief_text(summary))
+    out.print(summary_text(summary) if verbose else verdict_text(summary))
+
+
+def show_fact(out: Console, summary: Mapping[str, Any], more: str = "", fact: str | None = None) -> None:
+    """Print the second line of a run's output, and one line for each warning. It follows `show_verdict`.
+
+    more : where there is more to read. fact : in place of how stiff the wall was felt.
+    """
+    from hapnet.summary.structure import read
+    from hapnet.summary.tables import felt_line
+    from hapnet.summary.words import headline
+
+    if line := " ".join(filter(None, (fact or felt_line(read(summary)), more))):
+        out.print(line, markup=False)
+    show_warnings(out, headline(summary)[1])
+
+
+def more_in(directory: Path | None, page: str, command: str = "") -> str:
+    """Where there is more to read: with -v and, if it was written, in the file `page` of that directory."""
+    if directory is None or not (directory / page).exists():
+        return "More: -v"
+    return f"More: -v, or {command}{directory / page}"
 
 
 def show_files(out: Console, names: Iterable[str], directory: Path, more: str = "") -> None:

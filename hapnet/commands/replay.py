@@ -83,7 +83,8 @@ def _replay(
     if any(target.resolve() == file.resolve() for file in files):
         raise InvalidParameter("--out", str(directory), "a directory other than the recording's, which must not change")
     output.show_warnings(words, simulation.setup.warnings)
-    words.print(f"hand: {original.hand}", markup=False)
+    if verbose:
+        words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
         words.print(f"note: {line}", markup=False)
     with Progress(output.progress_console(), "replaying", chosen.duration_s) as progress:
@@ -100,12 +101,16 @@ def _replay(
         pictures.save_figure(pictures.replay_figure(original.recording, recording), directory / "replay.png")
     with written.part():
         output.write_json(summary, str(directory / "summary.json"))
-    output.show_summary(words, summary, verbose=verbose)
-    written.judge(summary, chosen, virtual=True)
-    words.print(table(compared, summary["units"]))
-    words.print(verdict(compared, summary["units"]))
-    if not written.missing:
+    output.show_verdict(words, summary, verbose=verbose)
+    difference = verdict(compared, summary["units"])
+    if verbose:
+        words.print(table(compared, summary["units"]))
+        words.print(difference)
         output.show_files(words, (target.name, "figure.png", "replay.png", "summary.json"), directory)
+    else:
+        fact = f"{difference[0].upper()}{difference[1:]}."
+        output.show_fact(words, summary, output.more_in(directory, target.name, "hapnet report "), fact)
+    written.judge(summary, chosen, virtual=True)
     with written.part():
         output.write_json(summary, json_to)
     return written.code()

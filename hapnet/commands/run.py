@@ -86,7 +86,7 @@ def run(
                 """Show a notice and log it; update the progress from the device's clock."""
                 nonlocal running
                 if notice["kind"] != "progress":
-                    text = repeats.line(role, notice["kind"], notice["text"], notice["monotonic_ns"])
+                    text = repeats.line(role, notice)
                     if text is not None and (verbose or not _expected(notice)):
                         words.print(f"{role}: {text}", markup=False)
                     with written.part():
@@ -119,9 +119,13 @@ def run(
                 words.print("stopped before both processes ran", style="yellow")
             found = of_pair(reported, recorded, pair.failed, setup, seed, written)
             known_devices.learn(chosen, found.summary)
-            output.show_summary(words, found.summary, verbose=verbose)
+            output.show_verdict(words, found.summary, verbose=verbose)
             if files:
                 write_files(found, directory, written)
+            if not verbose:
+                more = output.more_in(directory if files else None, "report.html")
+                output.show_fact(words, found.summary, more)
+            elif files:
                 output.show_files(words, FILES, directory)
             written.judge(found.summary, chosen, virtual=False)
             if began and pair.failure is None:  # else the failure is the reason, and is raised below

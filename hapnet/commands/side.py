@@ -99,7 +99,7 @@ def _main(
     if words is not None:
         output.show_warnings(words, warnings)
     log_to = given.log_to or (None if directory is None else str(directory / "log.jsonl"))
-    log = Log(role, words, log_to, progress=given.progress)
+    log = Log(role, words, log_to, progress=given.progress, verbose=given.verbose)
     for warning in warnings:
         log.write(Notice("warning", warning, time.monotonic_ns(), "warning"))
     for part in extension("compiled names").missing(setup.params) if role == "device" else ():
@@ -138,10 +138,15 @@ def _main(
     with held_back(caught):
         written.missing += filter(None, (side.unrecorded, log.failure))
         if words is not None:
-            output.show_summary(words, summary, verbose=given.verbose)
+            output.show_verdict(words, summary, verbose=given.verbose)
         if directory is not None and record is not None:
             write_files(of_side(summary, record, written), directory, written)
-        if words is not None:
+        if words is not None and not given.verbose:
+            more = output.more_in(directory, "report.html")
+            if directory is None and record is not None:
+                more = output.more_in(record.parent, record.name, "hapnet report ")
+            output.show_fact(words, summary, more)
+        elif words is not None:
             if directory is not None:
                 other = SIDES[1 - SIDES.index(role)]
                 output.show_files(words, FILES, directory, f"; hapnet report joins them with the {other}'s")

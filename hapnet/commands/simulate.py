@@ -58,13 +58,15 @@ def simulate(
                 extension("pictures").save_figure(result.plot(), directory / "figure.png")
             with written.part():
                 output.write_json(result.summary, str(directory / "summary.json"))
-    output.show_summary(words, result.summary, verbose=verbose)
-    if verbose:
+    output.show_verdict(words, result.summary, verbose=verbose)
+    if not verbose:
+        output.show_fact(words, result.summary, output.more_in(directory, "run.mcap", "hapnet report "))
+    else:
         output.show_kernel(words, simulation.not_compiled)
+        if directory is not None:
+            page = f"; for a page with everything: hapnet report {directory / 'run.mcap'}"
+            output.show_files(words, ("run.mcap", "figure.png", "summary.json"), directory, page)
     written.judge(result.summary, chosen, virtual=True)
-    if directory is not None and not written.missing:
-        page = f"; for a page with everything: hapnet report {directory / 'run.mcap'}"
-        output.show_files(words, ("run.mcap", "figure.png", "summary.json"), directory, page)
     with written.part():
         output.write_json(result.summary, json_to)
     return written.code()

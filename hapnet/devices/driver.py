@@ -27,7 +27,7 @@ class Driver(ABC):
     about: ClassVar[str] = ""
     """A short description of the device, for `hapnet devices`."""
     tested: ClassVar[str] = "untested"
-    """The state of this driver's tests: ``emulator-tested``, or the hardware on which it was tested."""
+    """How far this driver was tested: ``tested with an emulator``, or with which hardware."""
     udev: ClassVar[str] = ""
     """On Linux: the udev rule that lets the user at the machine open the device; empty: none is needed."""
     emulator: ClassVar[str] = ""

@@ -21,7 +21,7 @@ LOOKS, LOOK_S = 20, 0.5
 """A process that is stopped (SIGSTOP) at this many looks in a row, this far apart [s], is ended. Looks are counted, not
 time, as the parent may have been stopped too, and just been continued."""
 
-NOT_ON = "was stopped by a signal, and did not go on"
+NOT_ON = "was stopped by a signal, and not continued"
 """The reason for ending such a process."""
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -125,7 +125,7 @@ def stands_still(pid: int) -> bool:
 def standing_still(pid: int) -> str:
     """Describe a child that a signal has stopped."""
     limit_s = LOOKS * LOOK_S
-    return f"stands still, stopped by a signal; ended after {limit_s:.0f} s unless it goes on (kill -CONT {pid})"
+    return f"was stopped by a signal; it is ended after {limit_s:.0f} s unless it is continued (kill -CONT {pid})"
 
 
 class _Held(threading.local):

@@ -18,8 +18,8 @@ HANGS_LOOKS = 100
 """A parent without a heartbeat for this many looks hangs. Beside four busy loops, on two cores with a load of 14, at
 most 14 looks lay between two of 669 beats."""
 
-STOPPED = "the process that holds the network was stopped by a signal"
-HANGS = "the process that holds the network hangs"
+STOPPED = "the network process was stopped by a signal"
+HANGS = "the network process hangs"
 
 _STOPPED = b"Tt"
 """States of proc_pid_stat(5): stopped by a signal, or by a debugger."""

@@ -108,7 +108,7 @@ class PeerAbsence:
             case PeerLeft():
                 self._silent_since_ns = None
                 if self._once:
-                    self._part(now_ns, f"ends with its first {self._other}")
+                    self._part(now_ns, f"this side ends, as its first {self._other} has left")
                 elif left_s is None or left_s >= _WORTH_REPORTING_S:
                     how_long = "until it is stopped" if left_s is None else f"for the {left_s:.0f} s that are left"
                     text = f"waits for another {self._other} {how_long} (--once would end it now)"
@@ -119,7 +119,9 @@ class PeerAbsence:
         since_ns = self._silent_since_ns
         if self._once and since_ns is not None and not partners and now_ns - since_ns > GONE_NS:
             silent_s = (now_ns - since_ns) * NANO
-            self._part(now_ns, f"ends: nothing from its {self._other} for {silent_s:.0f} s, and it is not connected")
+            self._part(
+                now_ns, f"this side ends: no data from its {self._other} for {silent_s:.0f} s, and no connection"
+            )
 
     def _part(self, now_ns: int, text: str) -> None:
         self._once = False

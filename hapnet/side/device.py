@@ -163,7 +163,7 @@ class DeviceSide(ABC):
     def withhold(self, now_ns: int, why: str) -> None:
         """Render no force while `why` is not empty; begin and end are recorded as events. Then the force grows anew."""
         if self.endpoint.paired and bool(why) != bool(self.withheld):
-            text = f"no force: {why}" if why else "the process that holds the network is back: the force grows"
+            text = f"no force: {why}" if why else "the network process runs again: the force grows back"
             self._write(Event(now_ns, "parent", text, "warning" if why else "info"))
         self.withheld = why
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from hapnet.recording.samples import Level
 from hapnet.side.endpoint import NANO
+from hapnet.side.punctuality import seconds
 from hapnet.wire.events import (
     Contradiction,
     Event,
@@ -65,7 +66,7 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
         case PeerLeft(reason):
             return Notice("left", f"the {other} left: {reason}", now_ns, values={"reason": reason})
         case Mismatch(reason):
-            return Notice("refused", f"a {other} does not fit: {reason}", now_ns, "error", {"reason": reason})
+            return Notice("refused", f"a {other} was refused: {reason}", now_ns, "error", {"reason": reason})
         case PeerRefused(reason, by_peer):
             sender = f"the {other}" if by_peer else f"a {other} that is not this side's peer"
             return Notice("refused", f"{sender} refuses this side: {reason}", now_ns, "error", {"reason": reason})
@@ -76,15 +77,15 @@ def notice_of(event: Event, now_ns: int, other: str, on_silence: str) -> Notice 
             return Notice("contradiction", text, now_ns, "error", {"kind": kind})
         case PeerSilent(since_ns):
             silence_s = (now_ns - since_ns) * NANO
-            effect = "the set-position is held" if on_silence == "hold" else "the spring is released"
-            text = f"nothing from the {other} for {silence_s:.2f} s: {effect}"
+            effect = "holding its last position" if on_silence == "hold" else "releasing the spring"
+            text = f"no data from the {other} for {seconds(round(silence_s, 2))} s; {effect}"
             return Notice("silent", text, now_ns, "warning", {"since_ns": since_ns, "silence_s": silence_s})
         case PeerHeard(silence_ns, recovery_ns, missing):
-            text = f"the {other} is heard again after {silence_ns * NANO:.2f} s"
+            text = f"data from the {other} again after {seconds(round(silence_ns * NANO, 2))} s"
             if recovery_ns:
                 text += f", {recovery_ns * 1e-6:.0f} ms after its first message"
             if missing:
-                text += f"; {missing} positions are missing"
+                text += f"; {missing} position{' is' if missing == 1 else 's are'} missing"
             values = {"silence_s": silence_ns * NANO, "recovery_s": recovery_ns * NANO, "missing": missing}
             return Notice("heard", text, now_ns, values=values)
     return None

@@ -88,11 +88,10 @@ class Punctuality:
     def _stalled(self, now_ns: int) -> Event:
         self._reported_ns, self._reported_row = now_ns, self._row
         if self._row == 1:
-            text = f"the servo stalled for {self._row_ns * 1e-6:.1f} ms: no force"
+            how_long = f"{self._row_ns * 1e-6:.1f} ms"
         else:
-            text = (
-                f"the servo stalled for {seconds(self._row_ns * 1e-9)} s, late at each of {self._row} ticks: no force"
-            )
+            how_long = f"{seconds(self._row_ns * 1e-9)} s, late at each of {self._row} ticks"
+        text = f"the servo stalled for {how_long} (machine too busy): no force until it is on time again"
         if self.late > self._row:
             text += f" ({self.late} late ticks so far, {seconds(self.without_force_ns * 1e-9)} s without force)"
         return Event(now_ns, "overrun", text, "warning")

@@ -177,7 +177,7 @@ def _sources(device: Recording, world: Recording) -> dict[str, object] | None:
 
 def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:
     if device.torn or world.torn:
-        yield "the recording is torn (its writer was killed): the replay ends where it ends"
+        yield "the recording is incomplete (the process that wrote it was killed): the replay ends where it ends"
     if not simulated:
         yield (
             "recorded in real time: the replay has the same hand, links and seed, but its servo and steps are exactly "

@@ -49,26 +49,32 @@ class Finding(NamedTuple):
 
 
 CAUSES: Mapping[str, Cause] = MappingProxyType({
-    "diverged": Cause(False, NOT_PASSIVE, "it diverged: the energy account is no longer finite"),
+    "diverged": Cause(False, NOT_PASSIVE, "the run diverged: its energy account is no longer finite"),
     "bound": Cause(
-        False, NOT_PASSIVE, "{out} mJ came out of both ports, of d² = {bound} mJ: margin {margin} mJ"
+        False, NOT_PASSIVE, "gave out {out} mJ, more than the {bound} mJ allowed"
     ),
-    "margin": Cause(False, NOT_PASSIVE, "margin {margin} mJ"),
-    "half": Cause(False, NOT_PASSIVE, "the {side}'s half: margin {margin} mJ"),
+    "margin": Cause(False, NOT_PASSIVE, "the margin fell to {margin} mJ"),
+    "half": Cause(False, NOT_PASSIVE, "the margin of the {side}'s half fell to {margin} mJ"),
     "slack": Cause(False, NOT_PASSIVE, "the {side}'s half of the theorem fails by {energy} mJ"),
     "true positions": Cause(
         False, NOT_PASSIVE, "with the true positions the {side}'s half of the theorem fails by {energy} mJ"
     ),
-    "hand": Cause(False, NOT_PASSIVE, "at the hand and the walls: margin {margin} mJ"),
+    "hand": Cause(False, NOT_PASSIVE, "the margin at the hand and the walls fell to {margin} mJ"),
     "never sent": Cause(False, NOT_PASSIVE, "the {side} credited {energy} mJ that the {other} never sent"),
-    "torn": Cause(None, 0, "the {side}'s recording is torn: the rest of its account is missing"),
+    "torn": Cause(None, 0, "the {side}'s recording is incomplete: the rest of its account is missing"),
     "peer lost": Cause(None, INCOMPLETE, "the rest of the {side}'s account is missing since its last report{when}"),
     "no reading": Cause(None, INCOMPLETE, "the {side}'s account is missing: {name} gave no reading"),
-    "account": Cause(None, INCOMPLETE, "the {side}'s account is not here{rest}"),
+    "account": Cause(None, INCOMPLETE, "the {side}'s account is missing{rest}"),
     "accounts": Cause(None, INCOMPLETE, "there is no energy account"),
-    "joint account": Cause(None, INCOMPLETE, "of both ports together only, and the {side}'s account is not here"),
-    "not at once": Cause(None, 0, "of both ports together only, and both were not seen at the same time"),
-    "no fit": Cause(None, 0, "the accounts of both sides do not fit each other"),
+    "joint account": Cause(
+        None,
+        INCOMPLETE,
+        "this coupling is passive only at both ports together, and the {side}'s account is missing",
+    ),
+    "not at once": Cause(
+        None, 0, "this coupling is passive only at both ports together, and no clock covers both"
+    ),
+    "no fit": Cause(None, 0, "the accounts of the two sides do not match"),
     "restart": Cause(None, 0, "the {side} was restarted: the account of its earlier process is not known"),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
     "contradiction": Cause(
@@ -76,7 +82,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "deficit": Cause(None, 0, "the {side} gave out {energy} mJ that its reservoir did not have"),
     "dead stream": Cause(
-        None, 0, "the {side}'s energy stream is dead: nothing of it was acknowledged for {seconds} s"
+        None, 0, "the {side}'s energy stream is dead: no acknowledgement for {seconds} s"
     ),
     "stopped": Cause(None, INCOMPLETE, "the {side}'s force was stopped after {seconds} s: {why}"),
     "leak": Cause(None, 0, "{stalls}"),
@@ -93,7 +99,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "world failed": Cause(None, FAILED, "the world failed, and its own account is not known: {why}"),
     "world's account": Cause(
-        None, 0, "the world's own account is not finite (its stored_J or supplied_J): its energy is not known"
+        None, 0, "the world's own account is not finite (stored_J or supplied_J): its energy is not known"
     ),
     "blocked": Cause(True, INCOMPLETE, "the {side}'s driver blocks: {what}"),
     "unproved": Cause(

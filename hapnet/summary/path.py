@@ -106,11 +106,11 @@ def words(section: Section, role: Role) -> str:
         return ""
     other = "world" if role == "device" else "device"
     trips = f"round trip {section['round_trip_p50_ms']:.1f} ms (99 %: {section['round_trip_p99_ms']:.1f})"
-    inward = f"from the {other} {100 * (flow['loss'] or 0.0):.1f} % lost, jitter {flow['jitter_p99_ms']:.1f} ms (99 %)"
+    inward = f"{100 * (flow['loss'] or 0.0):.1f} % lost from the {other}, jitter {flow['jitter_p99_ms']:.1f} ms (99 %)"
     if 100 * (flow["overtaken"] or 0) >= (flow["sent"] or 0):
         inward += f", {100 * (flow['overtaken'] or 0) / (flow['sent'] or 1):.1f} % overtaken"
     if flow["age_p99_ms"] is not None:
-        inward += f", used messages up to {flow['age_p99_ms']:.0f} ms old"
+        inward += f", data in use at most {flow['age_p99_ms']:.0f} ms old (99 %)"
     stalls = f", {flow['stalls']} stall{'s' * (flow['stalls'] > 1)}" if flow["stalls"] else ""
     return f"path: {trips}; {inward}{stalls}"
 

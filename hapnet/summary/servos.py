@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from hapnet.side.punctuality import KEPT, seconds
@@ -34,7 +35,7 @@ def stalls(summary: Summary) -> Iterator[str]:
         if without_s:
             yield f"{seconds(without_s)} s without force in all"
         if withheld_s := servo["withheld_s"]:
-            yield f"no force for {withheld_s:.2g} s: the process of the device's network stood still"
+            yield f"no force for {withheld_s:.2g} s: the device's network process was stopped"
 
 
 def rates(summary: Summary) -> Iterator[str]:
@@ -60,3 +61,22 @@ def milli(energy_J: float | None) -> str:
         return "0"
     value = energy_J * 1e3
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.4g}"
+
+
+def milli_up(energy_J: float, of_J: float) -> str:
+    """An energy in mJ, rounded upwards: to 0.1 mJ, or to less where the whole, `of_J`, is below 10 mJ."""
+    if not (DEFICIT_J <= energy_J < math.inf and of_J > 0.0):
+        return milli(energy_J)
+    digits = max(1, 2 - math.floor(math.log10(of_J * 1e3)))
+    value = energy_J * 1e3
+    steps = math.ceil(round(value * 10.0**digits, 6))  # 12.4 mJ is not 12.400000000000002
+    text = f"{steps / 10**digits:.{digits}f}".rstrip("0").rstrip(".")
+    return min(text, milli(of_J), key=float) if energy_J <= of_J else text
+
+
+def milli_above(energy_J: float, limit_J: float) -> str:
+    """An energy in mJ, with as many digits as show that it is above the limit."""
+    if not limit_J < energy_J < math.inf:
+        return milli(energy_J)
+    texts = [milli(energy_J), *(f"{energy_J * 1e3:.{digits}g}" for digits in range(5, 18))]
+    return next((text for text in texts if float(text) > float(milli(limit_J))), texts[-1])

@@ -19,17 +19,20 @@ from hapnet.summary.structure import (
     SidePart,
     Summary,
     Theorem,
+    known,
     read,
 )
 from hapnet.summary.verdict import has_reservoirs
 from hapnet.summary.words import (
     degrees,
     felt,
+    headline,
     milli,
     millijoule,
     number,
     outcome,
     percent,
+    rounded,
     shuffled,
     text,
     tuning,
@@ -238,17 +241,40 @@ def brief(summary: Summary) -> list[str]:
     ]
 
 
-def brief_text(tree: object) -> RenderableType:
-    """The verdict and `brief`, as printed after a run. `tree` : a summary, perhaps with parts missing."""
-    from rich.console import Group
-    from rich.text import Text
+def felt_line(summary: Summary) -> str:
+    """How stiff a wall was felt, in one sentence; without a wall the largest force; "": neither is known."""
+    surroundings, moved, units = summary["environment"], summary["motion"], summary["units"]
+    wall, hand = known(surroundings["stiffness_N_m"]), known(surroundings["felt_stiffness_N_m"])
+    force, torque = known(moved["peak_force_N"]), known(moved["peak_torque_Nm"])
+    if wall is not None and hand is not None:
+        unit = within(units, "N/m")
+        stiff, soft = f"The wall of {rounded(wall)} {unit}", f"like {rounded(hand)} {unit}"
+        return f"{stiff} was not touched; it would feel {soft}." if moved["contacts"] == 0 else f"{stiff} felt {soft}."
+    if force is None:
+        return ""
+    turned = "" if torque is None else f" and the largest torque {rounded(torque)} Nm"
+    return f"The largest force was {rounded(force)} {within(units, 'N')}{turned}."
 
-    summary = read(tree)
-    return Group(_verdict_text(tree), *map(Text, brief(summary)))
+
+def verdict_text(tree: object) -> RenderableType:
+    """The verdict in one line. `tree` : a summary, perhaps with parts missing."""
+    return _styled(headline(tree)[0], tree)
+
+
+def margin_words(summary: Summary) -> str:
+    """What the margins in the tables mean."""
+    bound = known(summary["theorem"]["bound_J"])
+    allowed, more = (
+        ("d²", "it") if bound is None else (f"the {millijoule(bound)} mJ allowed", f"{millijoule(bound)} mJ")
+    )
+    return (
+        f"margin: {allowed}, plus the energy that hand and world have put in, minus the energy that came out; "
+        f"so it may exceed {more}"
+    )
 
 
 def summary_text(tree: object) -> RenderableType:
-    """The verdict and all tables; ``-`` where a value is unknown. `tree` : as for `brief_text`."""
+    """The verdict, `brief` and all tables; ``-`` where a value is unknown. `tree` : as for `verdict_text`."""
     from rich import box
     from rich.console import Group
     from rich.table import Table as RichTable
@@ -266,8 +292,8 @@ def summary_text(tree: object) -> RenderableType:
         return out
 
     summary = read(tree)
+    ports = both_ports(summary)
     tables = (
-        both_ports(summary),
         sides(summary),
         environment(summary),
         energy(summary),
@@ -275,14 +301,18 @@ def summary_text(tree: object) -> RenderableType:
         links(summary),
         motion(summary),
     )
-    return Group(_verdict_text(tree), Text(_about(summary)), *(drawn(table) for table in tables if table.rows))
+    both = [drawn(ports), Text(margin_words(summary)), Text("")] if ports.rows else []
+    rest = [drawn(table) for table in tables if table.rows]
+    known_figures = [line for line in (*brief(summary), _about(summary)) if line and not line.endswith(": not known")]
+    return Group(_styled(verdict(tree), tree), *map(Text, known_figures), *both, *rest)
 
 
-def _verdict_text(tree: object) -> Text:
+def _styled(line: str, tree: object) -> Text:
+    """A line with the colour of the verdict."""
     from rich.text import Text
 
     styles = {"bad": "bold red", "unknown": "bold yellow", "good": "bold green"}
-    return Text(verdict(tree), style=styles[outcome(tree)])
+    return Text(line, style=styles[outcome(tree)])
 
 
 def _path_words(found: PathSummary) -> str:

@@ -18,7 +18,7 @@ no claim. The port of a simulated device is known during a stall, so there only 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from hapnet.couplings import registry
 from hapnet.couplings.registry import jointly_passive
@@ -26,12 +26,13 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
 from hapnet.summary import causes
 from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, Finding, found
-from hapnet.summary.from_samples import START_S
 from hapnet.summary.servos import (
     DEFICIT_J as DEFICIT_J,
     WHOSE as _WHOSE,
     leak as _leak,
     milli as _milli,
+    milli_above as _milli_above,
+    milli_up as _milli_up,
     parts as _parts,
     rates as _rates,
     stalls as _stalls,
@@ -52,20 +53,41 @@ _WHO: Mapping[Role, str] = {
 }  # a world has a servo where a robot is in its place
 
 
+class Verdict(NamedTuple):
+    """A verdict in parts.
+
+    passive : None: not known. because : for a passive run the energy that it gave out, otherwise each cause found.
+    notes : facts that the account rests on. warnings : faults that do not change the verdict.
+    """
+
+    passive: bool | None
+    because: tuple[str, ...]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
 def judge(tree: object) -> VerdictSummary:
     """The verdict on the run with the summary `tree`, of both sides or of one; see `structure.read`."""
+    found = in_parts(tree)
+    reasons = dict.fromkeys([*found.because, *found.notes, *found.warnings])
+    return {"passive": found.passive, "reason": "; ".join(reasons)}
+
+
+def in_parts(tree: object) -> Verdict:
+    """The verdict as `judge` makes it, in parts."""
     summary = _with_margin(read(tree), tree)
-    gave = [*_energy_sources(summary), *_stalls(summary), *_rates(summary), *_claimed(summary), *_ended_early(summary)]
-    gave += (one.text for one in _side_findings(summary))
+    notes = [*_energy_sources(summary), *_claimed(summary)]
+    warnings = [*_stalls(summary), *_rates(summary), *_ended_early(summary)]
+    warnings += (one.text for one in _side_findings(summary))
     for passive, findings in ((False, list(_against(summary))), (None, list(_doubts(summary)))):
         if findings:
-            reasons = dict.fromkeys([*(one.text for one in findings), *gave])
-            return {"passive": passive, "reason": "; ".join(reasons)}
-    words = [_margin_words(summary)]
-    for side, part in _parts(summary):
-        if part["force"] == "commanded":
-            words.append(f"as commanded: the {_WHO[side]} does not report the applied force")
-    return {"passive": True, "reason": "; ".join([*words, *gave])}
+            return Verdict(passive, tuple(one.text for one in findings), tuple(notes), tuple(warnings))
+    notes += (
+        f"as commanded: the {_WHO[side]} does not report the applied force"
+        for side, part in _parts(summary)
+        if part["force"] == "commanded"
+    )
+    return Verdict(True, (_gave_out(summary),), tuple(notes), tuple(warnings))
 
 
 def broken(
@@ -187,7 +209,7 @@ def _against(summary: Summary) -> Iterator[Finding]:
         if bound is None:
             yield found("margin", margin=_milli(margin))
         else:
-            yield found("bound", out=_milli(bound - margin), bound=_milli(bound), margin=_milli(margin))
+            yield found("bound", out=_milli_above(bound - margin, bound), bound=_milli(bound))
     for side in SIDES:
         own = _half(summary, side)
         alone = margin is None and not jointly
@@ -377,19 +399,19 @@ def _missing(summary: Summary, accounts: list[Role]) -> Iterator[Finding]:
 def _of_half(side: SidePart | None) -> str:
     if side is None or (margin := side["ledger"]["margin_J"]) is None or (bound := side["ledger"]["bound_J"]) is None:
         return ""
-    return f", at most {_milli(max(0.0, bound - margin))} of its {_milli(bound)} mJ ever came out"
+    return f" and gave out at most {_milli_up(max(0.0, bound - margin), bound)} mJ of its {_milli(bound)} mJ"
 
 
-def _margin_words(summary: Summary) -> str:
-    """The margin of a passive run in words."""
-    theorem = summary["theorem"]
-    margin, bound, out = theorem["margin_J"], theorem["bound_J"], theorem["energy_out_J"]
-    end, later = theorem["margin_end_J"], theorem["margin_later_J"]
+def _gave_out(summary: Summary) -> str:
+    """The most energy that a passive run gave out."""
+    margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
+    out = summary["theorem"]["energy_out_J"]
     if out is None and margin is not None and bound is not None:
         out = max(0.0, bound - margin)
-    of = "" if bound is None else f" of d² = {_milli(bound)}"
-    words = f"margin at least {_milli(margin)} mJ" if out is None else f"at most {_milli(out)}{of} mJ ever came out"
-    if end is None:
-        return words
-    after = "" if later is None else f", at least {_milli(later)} after {START_S:g} s"
-    return f"{words}; margin {_milli(end)} mJ at the end{after}"
+    if out is None:
+        return f"margin at least {_milli(margin)} mJ"
+    if bound is None:
+        return f"gave out at most {_milli_up(out, out)} mJ"
+    if bound < out <= bound + ROUNDING_J:
+        out = bound
+    return f"gave out at most {_milli_up(out, bound)} mJ of the {_milli(bound)} mJ allowed"

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from hapnet.mechanics.pose import ARM_M
-from hapnet.summary.structure import Summary, VerdictSummary, known
-from hapnet.summary.verdict import DEFICIT_J, judge
+from hapnet.summary.structure import Summary, known
+from hapnet.summary.verdict import DEFICIT_J, in_parts, judge
 from hapnet.units import POSE, within
 
-_WORDS = {True: "passive", False: "NOT passive", None: "passivity not known"}
+_WORDS = {True: "PASSIVE", False: "NOT PASSIVE", None: "PASSIVITY NOT KNOWN"}
 _TEXT_LIMIT = 2000
 
 
@@ -24,12 +24,16 @@ def get(tree: Any, *keys: str) -> Any:
 
 def verdict(summary: object) -> str:
     """The verdict in one line: whether the two ports stayed passive, with the reason."""
-    return stated(judge(summary))
-
-
-def stated(found: VerdictSummary) -> str:
-    """A verdict in one line."""
+    found = judge(summary)
     return f"{_WORDS[found['passive']]}: {found['reason']}"
+
+
+def headline(summary: object) -> tuple[str, tuple[str, ...]]:
+    """The verdict in one line, for a passive run only with the energy that it gave out; and the warnings left out."""
+    found = in_parts(summary)
+    if found.passive:
+        return f"{_WORDS[True]}: {found.because[0]}", found.warnings
+    return verdict(summary), ()
 
 
 def outcome(summary: object) -> str:
@@ -80,6 +84,11 @@ def number(value: Any) -> str:
     if known(value) is None or isinstance(value, int):
         return text(value)
     return f"{value:.0f}" if 1e4 <= abs(value) < 1e15 else f"{value:.4g}"
+
+
+def rounded(value: float) -> str:
+    """The value for people, with three digits."""
+    return number(float(f"{value:.3g}"))
 
 
 def milli(value: Any) -> str:

@@ -155,13 +155,13 @@ def zenoh_warnings(settings: ZenohSettings) -> tuple[str, ...]:
     security = settings.security
     if exposed and security.secret_file is None:
         warnings += (
-            f"listening on {', '.join(exposed)} without --secret-file: anybody who reaches it can be the other side, "
-            "or stand between the two while they pair; use --secret-file, tls/ or quic/ with --tls-cert, --tls-key, "
+            f"listening on {', '.join(exposed)} without --secret-file: anyone who reaches it can pose as the other "
+            "side, or intercept the pairing; use --secret-file, tls/ or quic/ with --tls-cert, --tls-key, "
             "--tls-ca and --mutual-tls, or 127.0.0.1",
         )
     elif exposed and not security.encrypt:
         warnings += (
-            f"listening on {', '.join(exposed)} without --encrypt: anybody who reaches it can read the telemetry, and "
+            f"listening on {', '.join(exposed)} without --encrypt: anyone who reaches it can read the telemetry, and "
             "a peer that cannot encrypt is accepted",
         )
     return warnings

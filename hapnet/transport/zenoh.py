@@ -215,7 +215,7 @@ class ZenohTransport:
             return "closed"
         other = _OTHER[self.role]
         if self._partners:
-            return f"connected to the {other}" if self.partners == 1 else f"{self.partners} of the {other} answer"
+            return f"connected to the {other}" if self.partners == 1 else f"{self.partners} {other}s answer"
         if self.peers and self.doubled:
             return f"connected to another {self.role} and to no {other}: one of the two must be a {other}"
         if self.peers:

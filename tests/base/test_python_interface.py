@@ -73,7 +73,7 @@ def test_parameters_show_what_differs_from_the_defaults() -> None:
 
 
 def test_a_result_is_one_line(result: Result) -> None:
-    assert repr(result).startswith("Result(passive: at most ")
+    assert repr(result).startswith("Result(PASSIVE: gave out at most ")
     assert "seed 3, 2" in repr(result)
     assert "Recording(device " in repr(result)
     assert "\n" not in repr(result)

@@ -35,7 +35,7 @@ def test_a_wrong_input_is_answered_in_one_line(wrong: Bad, files: Path, capsys: 
     assert main(list(wrong.argv)) == 2
     out, said = capsys.readouterr()
     line = without_progress(said)
-    assert not re.search("^passive: ", out, re.MULTILINE)  # what has failed is not known to be
+    assert not re.search("^PASSIVE: ", out, re.MULTILINE)  # what has failed is not known to be
     assert line.startswith(f"{wrong.program}: ")
     assert line.count("\n") == 1
     assert line.endswith("\n")

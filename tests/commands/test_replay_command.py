@@ -22,6 +22,12 @@ def test_the_command_writes_all_and_compares_in_words(tmp_path: Path, capsys: Ca
     assert run("replay", "a.mcap", "--out", "again") == 0
     out, err = capsys.readouterr()
     assert not err
+    assert out.splitlines()[1:] == [
+        "The replay is identical to the original: every value of every sample that both have. "
+        "More: -v, or hapnet report again/run.mcap"
+    ]
+    assert run("replay", "a.mcap", "--out", "again", "-v") == 0
+    out, _ = capsys.readouterr()
     assert "hand: press, generated again from its parameters" in out
     assert "identical to the original" in out
     assert "original   replay" in out

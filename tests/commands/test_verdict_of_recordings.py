@@ -235,7 +235,7 @@ def test_what_is_torn_old_of_one_side_or_of_a_side_that_began_anew_is_not_known(
         save(dataclasses.replace(run, events=[paired] * times), file)
         assert judge([str(file)]) == says
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    assert judge([str(file)]).startswith("not known: a recording is torn")
+    assert judge([str(file)]).startswith("not known: a recording is incomplete")
 
 
 @pytest.mark.parametrize("content", [None, "Dear Sir or Madam"])

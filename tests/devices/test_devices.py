@@ -209,7 +209,7 @@ def test_every_device_has_its_lines(capsys: Capture) -> None:
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
     assert set(rows) == set(registry.known())
     assert all(row["about"] and row["from"] for row in rows.values())
-    assert rows["serial"]["tested"] == "emulator-tested"
+    assert rows["serial"]["tested"] == "tested with an emulator"
     assert 'TAG+="uaccess"' in rows["3dmouse"]["udev"]
     assert rows["inverse3"]["udev"] == ""
 

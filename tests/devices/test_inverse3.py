@@ -110,7 +110,7 @@ class Line:
     def send(self, message: bytes) -> None:
         assert not self.is_events
         if not self.service.listens:
-            raise DeviceSilent(f"the service at {self.url} has gone")
+            raise DeviceSilent(f"the service at {self.url} closed the connection")
         self.service.untaken.append(json.loads(message))
         self.service.work_off(self)
 

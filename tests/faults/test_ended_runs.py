@@ -17,10 +17,11 @@ from typing import NamedTuple
 import pytest
 
 from hapnet.recording.mcap import read_recording
+from hapnet.summary.words import headline
 from tests.faults.support import let_pass
 from tests.support.processes import Program, child_of, read_json, size, started
 
-VERDICTS = ("passive: ", "NOT passive: ", "passivity not known: ")
+VERDICTS = ("PASSIVE: ", "NOT PASSIVE: ", "PASSIVITY NOT KNOWN: ")
 WHO = ("launcher", "device", "world", "servo")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGSTOP)
 DURATION_S = 2.5
@@ -30,7 +31,7 @@ LIMIT_S = 180.0
 HOW = {
     signal.SIGKILL: "was killed by SIGKILL",
     signal.SIGTERM: "was ended by SIGTERM",
-    signal.SIGSTOP: "was stopped by a signal, and did not go on",
+    signal.SIGSTOP: "was stopped by a signal, and not continued",
 }
 
 
@@ -113,7 +114,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
         assert re.search(f"^hapnet: {process} {early}({how})$", stderr, re.MULTILINE), stderr
     verdict = read_json(out / "summary.json")["verdict"]
     said = next(line for line in stdout.splitlines() if line.startswith(VERDICTS))
-    assert said.endswith(f": {verdict['reason']}")
+    assert said == headline(read_json(out / "summary.json"))[0]
     assert all((out / page).stat().st_size > 10_000 for file in there)
     if code == 2 and verdict["passive"] is not None:
         assert f"the {'device' if who == 'servo' else who} ended before its time: " in verdict["reason"]
@@ -121,7 +122,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
     assert torn == ([who] if killed and out / f"{who}.mcap" in there else [])
     if torn:
         assert verdict["passive"] is not True
-        assert re.search(f"the {who}'s (recording is torn|account is not here)", verdict["reason"])
+        assert re.search(f"the {who}'s (recording is incomplete|account is missing)", verdict["reason"])
     when = f"{who:8} {number.name} {moment.after_s:.2f} s after {moment.since:9}"
     print(f"{when}: code {code:3}, {len(there)} recordings, {verdict['passive']}: {verdict['reason']}")
 

@@ -94,10 +94,10 @@ DEVICE = ("--dof", "1", "--device")
 EARLY = ("account",)  # on a busy machine it fails before its first tick
 LITTLE = ("--set", "device.ceiling_J=0.0005", "--set", "world.ceiling_J=0.0005")
 RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
-    "an ordinary run": ((), known(code=0, says="^passive: at most")),
+    "an ordinary run": ((), known(code=0, says="^PASSIVE: gave out at most")),
     "zoh on a bad link": (
         ("--coupling", "zoh", *SHAKEN),
-        known("bound", code=0, says=r"^NOT passive: .* mJ came out of both ports", also=("hand", "true positions")),
+        known("bound", code=0, says=r"^NOT PASSIVE: gave out .* mJ, more than", also=("hand", "true positions")),
     ),
     "a law that claims too much": (
         ("--coupling", "laws:Claims", *SHAKEN),
@@ -105,15 +105,15 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     ),
     "encoders of 10 mm": (
         (*DEVICE, "drivers:Coarse", "--set", "device.self_test_N=0", *LITTLE),
-        known("blur", code=0, says="^passivity not known: .*the encoders blur", also=("speed",)),
+        known("blur", code=0, says="^PASSIVITY NOT KNOWN: .*the encoders blur", also=("speed",)),
     ),
     "a device that repeats readings": (
         (*DEVICE, "drivers:Steps"),
-        known("repeats", code=0, says="^passivity not known: the device makes [0-9]+ readings"),
+        known("repeats", code=0, says="^PASSIVITY NOT KNOWN: the device makes [0-9]+ readings"),
     ),
     "a device faster than it declares": (
         ("--set", "device.greatest_speed=0.02"),
-        known("speed", code=0, says="^passivity not known: the device moved at .*, and declares at most 0.02 m/s"),
+        known("speed", code=0, says="^PASSIVITY NOT KNOWN: the device moved at .*, and declares at most 0.02 m/s"),
     ),
     "a device that never answers": ((*DEVICE, "drivers:Mute"), known(code=2, says="a device that can be read")),
     "a device that answers only once": (
@@ -143,7 +143,7 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
         known("stopped", code=3, says="force was stopped after"),
     ),
     "a dead-man switch that is released": (
-        ("--set", "device.enable=0-1"), known(code=0, says="^passive: at most")
+        ("--set", "device.enable=0-1"), known(code=0, says="^PASSIVE: gave out at most")
     ),
     "a world that raises": (
         ("--scene", "worlds:Raises"), known(code=2, says="ArithmeticError: no strength left", also=("world failed",))
@@ -168,7 +168,7 @@ def _signalled(role: str, number: signal.Signals) -> Known:
         return known("stopped", code=3, says=f"the {'follower' if role == 'world' else role}'s force was stopped after")
     if number == signal.SIGTERM:
         return known(code=2, says=f"the {role} ended before its time: was ended by SIGTERM")
-    return known("torn", code=2, says=f"^passivity not known: the {role}'s recording is torn")
+    return known("torn", code=2, says=f"^PASSIVITY NOT KNOWN: the {role}'s recording is incomplete")
 
 
 @pytest.mark.parametrize(("role", "number"), [
@@ -193,7 +193,7 @@ def test_a_launcher_that_is_interrupted() -> None:
         program.until("samples", lambda: size(Path("out/device.mcap")) > 2_000, LIMIT_S)
         let_pass(1.0)
         program.process.send_signal(signal.SIGINT)
-        judged("Ctrl-C", ended(program, "out/summary.json"), known(code=130, says="^passive: "))
+        judged("Ctrl-C", ended(program, "out/summary.json"), known(code=130, says="^PASSIVE: "))
 
 
 def test_a_servo_that_stood_still_while_it_pushed() -> None:
@@ -260,7 +260,7 @@ def test_nobody_proves_who_the_peer_is(hosts: TwoHosts) -> None:
     world = hosts.start("world", "--duration", "6")
     device = hosts.start("device", *PRESSES)
     for name, program in (("device", device), ("world", world)):
-        expected = known("unproved", code=0, says="^passive: .*the peer's identity is not proven")
+        expected = known("unproved", code=0, says="^PASSIVE: .*the peer's identity is not proven")
         judged(f"neither word nor certificate: {name}", hosts.ended(program), expected)
 
 
@@ -272,7 +272,7 @@ def test_a_side_that_is_killed_elsewhere(lost: str, hosts: TwoHosts) -> None:
     let_pass(3.0)
     sides[lost].process.kill()
     (other,) = sides.keys() - {lost}
-    says = f"^passivity not known: the rest of the {lost}'s account is missing since its last report"
+    says = f"^PASSIVITY NOT KNOWN: the rest of the {lost}'s account is missing since its last report"
     expected = known("peer lost", "unproved", code=3, says=says)
     judged(f"the {lost} elsewhere is killed: {other}", hosts.ended(sides[other]), expected)
 
@@ -299,7 +299,7 @@ def test_a_side_that_is_restarted(anew: str, number: signal.Signals, word: bool,
     (other,) = sides.keys() - {anew}
     sides[other].process.send_signal(signal.SIGTERM)
     proof = () if word else UNPROVED
-    says = f"^passivity not known: .*the {anew} was restarted"
+    says = f"^PASSIVITY NOT KNOWN: .*the {anew} was restarted"
     got = hosts.ended(sides[other])
     name = f"{anew} restarted after {number.name}{', with a word' * word}"
     judged(name, got, known("restart", *proof, code=143, says=says, also=("peer lost",)))

@@ -363,7 +363,7 @@ def test_a_new_device_is_asked_about_once(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert known_devices.introduced(Params(), asked.append) == Params()
     assert known_devices.introduced(params, asked.append) == params
     (text,) = asked
-    assert "my:Arm is new here" in text
+    assert "hapnet has not used my:Arm on this machine before" in text
     assert "up to 0.3 N" in text
     summary: Any = {"device": {"driver": {"mass_kg": [0.2, 0.3]}}}
     known_devices.learn(params.set({"device.self_test_N": 0.0}), summary)

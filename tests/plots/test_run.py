@@ -18,7 +18,7 @@ from hapnet.ext.pictures.style import save_figure
 from hapnet.recording.samples import DeviceSample, Event, MemoryRecorder, Recording, WorldSample
 from tests.conftest import mostly_slow
 
-TORN = "the device's recording is torn: the rest of its account is missing"
+TORN = "the device's recording is incomplete: the rest of its account is missing"
 LINK = "delay 40ms 10ms distribution normal loss 2%"
 
 
@@ -120,13 +120,13 @@ def shaded(panel: Axes) -> list[tuple[float, float]]:
 def test_silences_are_shaded_each_from_its_notice_to_its_end() -> None:
     """Those of both sides overlap; the second of the device's ends with the recording; an end without begin is none."""
     texts = (
-        (0.1, "heard", "the world is heard again after 0.6 s"),
-        (1.0, "silent", "nothing from the world for 0.50 s: the set-position is held"),
-        (1.2, "silent", "nothing from the device for 0.51 s: the set-position is held"),
-        (1.5, "heard", "the world is heard again after 1.00 s, 40 ms after its first message; 9 positions are missing"),
+        (0.1, "heard", "data from the world again after 0.6 s"),
+        (1.0, "silent", "no data from the world for 0.5 s; holding its last position"),
+        (1.2, "silent", "no data from the device for 0.51 s; holding its last position"),
+        (1.5, "heard", "data from the world again after 1 s, 40 ms after its first message; 9 positions are missing"),
         (1.9, "paired", "paired with the device (another process; pair 2)"),
-        (2.0, "overrun", "the servo was away for 30.1 ms: no force"),
-        (3.0, "silent", "nothing from the world for 0.50 s: the spring is released"),
+        (2.0, "overrun", "the servo stalled for 30.1 ms (machine too busy): no force until it is on time again"),
+        (3.0, "silent", "no data from the world for 0.5 s; releasing the spring"),
     )
     recording = run()
     recording.events.extend(Event(round(at * 1e9), kind, text) for at, kind, text in texts)
@@ -156,7 +156,7 @@ def title(fig: Figure) -> str:
 def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> None:
     torn = title(figure(run())).splitlines()
     assert torn[0] == f"uplink: {LINK}, coupling pspm, seed 3"
-    assert torn[1].startswith(f"passivity not known: {TORN}")
+    assert torn[1].startswith(f"PASSIVITY NOT KNOWN: {TORN}")
     summary = {
         "links": {"up": {"profile": "lan"}, "down": {"profile": "lan"}},
         "coupling": "zoh",
@@ -165,8 +165,8 @@ def test_the_title_tells_the_link_the_coupling_the_seed_and_the_verdict() -> Non
     }
     recording = run()
     reported = Recording(recording.meta, recording.device, recording.world, [], summary)
-    why = "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ"
-    assert title(figure(reported)) == f"link: lan, coupling zoh, seed 8\nNOT passive: {why}"
+    why = "gave out 112.5 mJ, more than the 100 mJ allowed"
+    assert title(figure(reported)) == f"link: lan, coupling zoh, seed 8\nNOT PASSIVE: {why}"
     assert "sum (112.5 mJ came out, 300 mJ at the end)" in lines(figure(reported).axes[-1])
 
 
@@ -197,7 +197,7 @@ def test_of_ports_that_are_passive_together_only_their_sum_is_drawn() -> None:
     assert set(lines(alone.axes[-1])) == {"device's port"}
     assert alone.axes[-1].get_ylabel() == "energy put in + d² [mJ]"
     assert not alone.axes[-1].patches
-    assert "of both ports together only" in " ".join(title(alone).split())
+    assert "only at both ports together" in " ".join(title(alone).split())
 
 
 def test_a_long_title_is_not_broken_inside_a_setting() -> None:

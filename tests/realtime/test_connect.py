@@ -180,7 +180,7 @@ async def test_a_device_that_gives_out_more_than_it_may_tells_it_once(
         for _ in range(3):
             await anext(samples)
         lost = await until(device.events(), "passivity lost")
-        assert lost.text == "the device's half: margin -1 mJ"
+        assert lost.text == "the margin of the device's half fell to -1 mJ"
         assert lost.level == "error"
     assert [event.kind for event in _so_far(device)].count("passivity lost") == 1
 

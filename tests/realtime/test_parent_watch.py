@@ -114,7 +114,7 @@ def test_a_force_that_nobody_could_end_is_none_at_once_and_then_grows() -> None:
     assert grown[-1] == pytest.approx(1.9)  # 100 N/m over the 19 mm that are left
     assert rig.events == [
         f"parent: no force: {STOPPED}",
-        "parent: the process that holds the network is back: the force grows",
+        "parent: the network process runs again: the force grows back",
     ]
     assert rig.levels == ["warning", "info"]
     assert rig.side.withheld_ns == 50 * 2_000_000

@@ -40,7 +40,7 @@ def test_once_ends_it_when_its_device_leaves() -> None:
     side = Side(once=True)
     side.alone.happened(LEFT, 5, 57.2)
     assert side.ends == 1
-    assert [notice.text for notice in side.reported] == ["ends with its first device (--once)"]
+    assert [notice.text for notice in side.reported] == ["this side ends, as its first device has left (--once)"]
 
 
 def test_once_ends_it_when_its_device_is_gone_without_a_word() -> None:

@@ -99,7 +99,10 @@ def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp
     files = [out / f"{side}.mcap" for side in ("device", "world")]
     for file in files:
         assert read_recording(file).meta["tuning"] == summary["tuning"] != {}
-    for asked, line in ((files, "passive: at most"), (files[:1], "passivity not known: of both ports together only")):
+    for asked, line in (
+        (files, "PASSIVE: gave out at most"),
+        (files[:1], "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together"),
+    ):
         with started("report", *asked, "--json", tmp_path / "r.json") as program:
             code, stdout, stderr = program.end()
         assert (code, stderr) == (0, "")
@@ -297,16 +300,16 @@ def test_a_killed_process_leaves_a_recording_that_report_repairs(tmp_path: Path)
     with started("report", file, "--json", tmp_path / "r.json") as program:
         code, stdout, stderr = program.end()
     assert (code, stderr) == (0, "")
-    assert "is torn" in stdout
+    assert "is incomplete" in stdout
     assert file.read_bytes() == before
     copy = read_recording(tmp_path / "device.repaired.mcap")
     assert not copy.torn
     assert (copy.device["time_ns"] == torn.device["time_ns"]).all()
     report = read_json(tmp_path / "r.json")
     page = (tmp_path / "device.html").read_text("utf-8")
-    assert "device.mcap is torn: its writer was killed" in page
+    assert "device.mcap is incomplete: the process that wrote it was killed" in page
     assert "a repaired copy is device.repaired.mcap" in page
-    assert "Passivity not known: the device&#x27;s recording is torn" in page
+    assert "PASSIVITY NOT KNOWN: the device&#x27;s recording is incomplete" in page
     assert (tmp_path / "device.png").read_bytes().startswith(b"\x89PNG")
     assert report["device"]["ledger"]["margin_J"] == torn.device["margin_J"].min()
     assert report["world"] is None

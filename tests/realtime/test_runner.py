@@ -223,7 +223,7 @@ async def test_a_world_whose_device_leaves_says_that_it_waits_or_ends_with_it(on
         await device.end()
         if once:
             await asyncio.wait_for(asyncio.shield(world.task), WAIT_S)
-            assert world.reported("once") == ["ends with its first device (--once)"]
+            assert world.reported("once") == ["this side ends, as its first device has left (--once)"]
         else:
             waits = "waits for another device until it is stopped (--once would end it now)"
             await world.until(lambda: waits in world.reported("waiting"))

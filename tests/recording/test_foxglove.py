@@ -39,7 +39,12 @@ POSE = (0.25, 0.5, -1.0, 0.0, 0.0, 1.0, 0.0)
 LATER_NS = 10**15
 EVENTS = (
     Event(ORIGIN, "paired", "with the world"),
-    Event(ORIGIN + 1, "overrun", "the servo was away for 24.0 ms: no force", "warning"),
+    Event(
+        ORIGIN + 1,
+        "overrun",
+        "the servo stalled for 24.0 ms (machine too busy): no force until it is on time again",
+        "warning",
+    ),
     Event(ORIGIN + 2, "stopped", "the device renders no force any more: it left its workspace", "error"),
 )
 

@@ -29,7 +29,7 @@ def test_a_report_is_made_of_a_result_its_file_and_its_directory(result: Result,
     for what in (file, str(file), [file], tmp_path, result.recording):
         assert hapnet.report(what).summary["verdict"] == result.summary["verdict"]
     assert hapnet.report(file).sources[0].path == file
-    assert repr(made) == f"Report(passive: {result.summary['verdict']['reason']})"
+    assert repr(made) == f"Report(PASSIVE: {result.summary['verdict']['reason']})"
 
 
 def test_the_command_writes_the_same(result: Result, tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_tables_are_written_beside_the_file_or_where_they_are_wanted(result: Res
 def test_a_result_shows_its_verdict_key_figures_and_picture(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     html = result._repr_html_()
     text = unescape(html)
-    assert text.count(f"passive: {result.summary['verdict']['reason']}") == 1
+    assert text.count(f"PASSIVE: {result.summary['verdict']['reason']}") == 1
     peak = result.summary["motion"]["peak_force_N"]
     assert f"largest force: {peak:.4g} N" in text
     assert html.count("<img") == 1

@@ -4,29 +4,30 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hapnet.summary.tables import brief_text, summary_text
+from hapnet.summary.structure import read
+from hapnet.summary.tables import brief, summary_text
 from hapnet.summary.words import verdict
 
-ALONE = "passivity not known: of both ports together only, and the world's account is not here"
-APART = "passivity not known: of both ports together only, and both were not seen at the same time"
-NOTHING = "passivity not known: there is no energy account"
+ALONE = "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together, and the world's account is missing"
+APART = "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together, and no clock covers both"
+NOTHING = "PASSIVITY NOT KNOWN: there is no energy account"
 LINK = "delay 40ms 10ms distribution normal loss 2%"
 
 
 @pytest.mark.parametrize(
     ("summary", "line"),
     [
-        ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "passive: at most 68.8 of d² = 100 mJ ever came out"),
-        ({"theorem": {"margin_J": -9e-13, "bound_J": 0.1}}, "passive: at most 100 of d² = 100 mJ ever came out"),
-        ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT passive: margin -2e-06 mJ"),
+        ({"theorem": {"margin_J": 0.0312, "bound_J": 0.1}}, "PASSIVE: gave out at most 68.8 mJ of the 100 mJ allowed"),
+        ({"theorem": {"margin_J": -9e-13, "bound_J": 0.1}}, "PASSIVE: gave out at most 100 mJ of the 100 mJ allowed"),
+        ({"theorem": {"margin_J": -2e-9, "bound_J": None}}, "NOT PASSIVE: the margin fell to -2e-06 mJ"),
         (
             {"theorem": None, "device": {"ledger": {"margin_J": 0.5, "bound_J": 0.6}}},
-            "passivity not known: the world's account is not here; the device's half held, at most 100 of its 600 mJ "
-            "ever came out",
+            "PASSIVITY NOT KNOWN: the world's account is missing; the device's half held and gave out at most 100 mJ "
+            "of its 600 mJ",
         ),
         (
             {"device": {"ledger": {"margin_J": 0.5}}, "world": {"ledger": {"margin_J": 0.25}}},
-            "passive: margin at least 750 mJ",
+            "PASSIVE: margin at least 750 mJ",
         ),
         ({"coupling": "pd", "device": {"ledger": {"margin_J": -0.5}}}, ALONE),
         ({"coupling": "popc", "world": {"ledger": {"margin_J": 0.5}}}, ALONE.replace("world", "device")),
@@ -40,9 +41,9 @@ LINK = "delay 40ms 10ms distribution normal loss 2%"
         ),
         (
             {"coupling": "zoh", "device": {"ledger": {"margin_J": -0.5}}},
-            "NOT passive: the device's half: margin -500 mJ",
+            "NOT PASSIVE: the margin of the device's half fell to -500 mJ",
         ),
-        ({"coupling": "tdpa", "theorem": {"margin_J": -0.5}}, "NOT passive: margin -500 mJ"),
+        ({"coupling": "tdpa", "theorem": {"margin_J": -0.5}}, "NOT PASSIVE: the margin fell to -500 mJ"),
         ({}, NOTHING),
         (None, NOTHING),
     ],
@@ -89,8 +90,8 @@ def test_the_summary_as_a_table() -> None:
             "duration_s": 10.0,
         }
     )
-    assert text.splitlines()[0] == "passive: at most 68.8 of d² = 100 mJ ever came out; margin 200 mJ at the end"
-    assert text.splitlines()[1] == "coupling pspm, seed 3, duration 10 s"
+    assert text.splitlines()[0] == "PASSIVE: gave out at most 68.8 mJ of the 100 mJ allowed"
+    assert text.splitlines()[3] == "coupling pspm, seed 3, duration 10 s"
     rows = cells(text)
     assert rows["energy that came out, most [mJ]"] == ["68.8"]
     assert rows["bound d² [mJ]"] == ["100"]
@@ -144,21 +145,12 @@ def test_what_matters_most_in_four_lines() -> None:
                    "peak_penetration_m": 0.0018},
         "path": {"round_trip_p50_ms": 83.04, "round_trip_p99_ms": 110.2, "up": {"sent": 400, "lost": 9}, "down": None},
     }  # fmt: skip
-    assert brief_lines(summary) == [
-        "passive: at most 68.8 of d² = 100 mJ ever came out",
+    assert brief(read(summary)) == [
         "tracking error (rms): 2.34 mm free, 10.4 mm in contact",
         "largest force: 3.217 N, 1 contact, 1.8 mm deep at most",
         "path: round trip 83.04 ms (99 %: 110.2), 2.25 % lost up",
     ]
     summary["motion"] |= {"free_rms_m": None, "contacts": 0}
-    assert brief_lines(summary)[1:3] == ["tracking error (rms): 10.4 mm in contact", "largest force: 3.217 N"]
-    assert brief_lines({}) == [
-        NOTHING,
-        *(f"{name}: not known" for name in ("tracking error (rms)", "largest force", "path")),
-    ]
-
-
-def brief_lines(summary: dict[str, Any]) -> list[str]:
-    out = io.StringIO()
-    Console(file=out, width=100).print(brief_text(summary))
-    return out.getvalue().splitlines()
+    assert brief(read(summary))[:2] == ["tracking error (rms): 10.4 mm in contact", "largest force: 3.217 N"]
+    names = ("tracking error (rms)", "largest force", "path")
+    assert brief(read({})) == [f"{name}: not known" for name in names]

@@ -95,8 +95,8 @@ def test_reports_whatever_was_recorded(
     assert names == {"r.mcap", "r.html", "r.png"} | ({"r.repaired.mcap"} if torn else {"r-link.png", "r-servo.png"})
     for name in names:
         assert not name.endswith(".png") or imread(io.BytesIO((tmp_path / name).read_bytes())).shape[1] > 1000
-    assert ("r.mcap is torn" in found.sections[""]) == torn
-    assert ("is torn" in err) == torn
+    assert ("r.mcap is incomplete" in found.sections[""]) == torn
+    assert ("is incomplete" in err) == torn
     assert file.read_bytes() == before
     if not torn:
         assert summary["device"] == SUMMARY["device"]
@@ -112,8 +112,8 @@ def test_two_sides_one_torn(tmp_path: Path) -> None:
     })  # fmt: skip
     assert cli.main(["report", str(world), str(device), "--out", str(tmp_path / "o")]) == 0
     found = stands_alone((tmp_path / "o" / "w-d.html").read_text("utf-8"))
-    assert "d.mcap is torn" in found.sections[""]
-    assert "w.mcap is torn" not in found.sections[""]
+    assert "d.mcap is incomplete" in found.sections[""]
+    assert "w.mcap is incomplete" not in found.sections[""]
     assert "whole" in found.sections["Files"]
 
 
@@ -147,4 +147,4 @@ def test_a_torn_file_that_cannot_be_repaired_is_reported_all_the_same(
     (tmp_path / "r.repaired.mcap").mkdir()
     assert cli.main(["report", str(file)]) == 3
     assert "cannot write recording" in capsys.readouterr().err
-    assert "r.mcap is torn" in stands_alone((tmp_path / "r.html").read_text("utf-8")).sections[""]
+    assert "r.mcap is incomplete" in stands_alone((tmp_path / "r.html").read_text("utf-8")).sections[""]

@@ -20,6 +20,7 @@ from hapnet.ext.pictures.settings import commands, settings
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.simulation import simulate
+from hapnet.summary.servos import milli_up
 from hapnet.summary.structure import known, read
 from hapnet.summary.tables import links, motion, sides
 from hapnet.summary.words import legible
@@ -101,8 +102,8 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
         "Commands that repeat the run", "Settings", "Versions", "Files",
     ]  # fmt: skip
     theorem = simulated.summary["theorem"]
-    assert f"Passive: at most {theorem['energy_out_J'] * 1e3:.4g} of d² = 150 mJ ever came out" in found.sections[""]
-    assert f"margin {theorem['margin_end_J'] * 1e3:.4g} mJ at the end" in found.sections[""]
+    out = f"gave out at most {milli_up(theorem['energy_out_J'], 0.15)} mJ of the 150 mJ allowed"
+    assert f"PASSIVE: {out}" in found.sections[""]
     run_of = found.sections["The run"].split("\n")
     facts = dict(zip(run_of[::2], run_of[1::2], strict=False))
     assert facts["uplink"] == "delay 5ms 2ms"
@@ -126,7 +127,7 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "eservoir" not in reported + found.attributes("img")[0]["alt"]
     assert "slack" not in reported
     alone = page_of(replace(recording, world=None, summary={**result.summary, "world": None, "theorem": {}}))
-    assert "Passivity not known: of both ports together only" in alone.sections[""]
+    assert "PASSIVITY NOT KNOWN: this coupling is passive only at both ports together" in alone.sections[""]
 
 
 def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
@@ -141,18 +142,18 @@ def test_the_tables_are_those_of_the_terminal(simulated: Recording) -> None:
 
 def test_a_verdict_is_told_in_words_and_colour() -> None:
     for margin, kind, words in (
-        (-0.01, "bad", "NOT passive: 110 mJ came out of both ports, of d² = 100 mJ"),
-        (0.01, "good", "Passive: at most 90 of d² = 100 mJ ever came out"),
+        (-0.01, "bad", "NOT PASSIVE: gave out 110 mJ, more than the 100 mJ allowed"),
+        (0.01, "good", "PASSIVE: gave out at most 90 mJ of the 100 mJ allowed"),
     ):
         found = page_of(replace(run(seconds=1), summary={"theorem": {"margin_J": margin, "bound_J": 0.1}}))
         assert words in found.sections[""]
         assert f"verdict {kind}" in [attributes.get("class") for attributes in found.attributes("p")]
     found = page_of(replace(run(seconds=1), summary={}))
-    assert "Passivity not known" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN" in found.sections[""]
     assert "verdict unknown" in [attributes.get("class") for attributes in found.attributes("p")]
     half = {"device": {"ledger": {"margin_J": 0.5}}}
     found = page_of(replace(run(sides="device", seconds=1), summary=half))
-    assert "Passivity not known: the world's account is not here; the device's half held" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN: the world's account is missing; the device's half held" in found.sections[""]
     assert "the files of both sides" in found.sections[""]
 
 
@@ -208,7 +209,7 @@ def test_whatever_a_recording_says_is_text(text: str, capsys: pytest.CaptureFixt
         shown = legible(escapable(part))[:1500]
         assert shown in found.sections["Silences and events"]
         assert shown[:20] in found.sections["Settings"]
-    assert "Passivity not known" in found.sections[""]
+    assert "PASSIVITY NOT KNOWN" in found.sections[""]
     assert "\x1b" not in capsys.readouterr().out
 
 
@@ -241,7 +242,7 @@ def test_many_events_are_folded_and_far_too_many_counted() -> None:
     recording = run(seconds=1)
     few = [
         Event(-4_000_000, "paired", "paired with the world"),
-        Event(1_500_000_000, "heard", "the world is heard again"),
+        Event(1_500_000_000, "heard", "data from the world again"),
     ]
     found = page_of(replace(recording, events=few, summary={}))
     assert "-0.004\npaired\npaired with the world\n1.500\nheard" in found.sections["Silences and events"]
@@ -353,5 +354,5 @@ def test_what_a_hand_led_live_did_is_made_again_by_another_or_replayed(capsys: p
 
 def test_a_torn_file_is_told_of_at_the_top() -> None:
     found = page_of(run(seconds=1), ReportSource(Path("d/device.mcap"), "device", torn=True, repaired=Path("d/r.mcap")))
-    assert "device.mcap is torn: its writer was killed" in found.sections[""]
+    assert "device.mcap is incomplete: the process that wrote it was killed" in found.sections[""]
     assert "d/r.mcap" in found.sections["Files"]

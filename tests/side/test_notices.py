@@ -47,7 +47,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
                 Notice("refused", f"{says}: 2 axes, not 1", 7 * SECOND, "error", {"reason": "2 axes, not 1"}),
             )
             for event, says in (
-                (Mismatch, "a world does not fit"),
+                (Mismatch, "a world was refused"),
                 (PeerRefused, "a world that is not this side's peer refuses this side"),
                 (partial(PeerRefused, by_peer=True), "the world refuses this side"),
             )
@@ -56,7 +56,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             PeerSilent(6_250_000_000),
             Notice(
                 "silent",
-                "nothing from the world for 0.75 s: the set-position is held",
+                "no data from the world for 0.75 s; holding its last position",
                 7 * SECOND,
                 "warning",
                 {"since_ns": 6_250_000_000, "silence_s": about(0.75)},
@@ -66,7 +66,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             PeerHeard(2 * SECOND, 0, 0),
             Notice(
                 "heard",
-                "the world is heard again after 2.00 s",
+                "data from the world again after 2 s",
                 7 * SECOND,
                 values={"silence_s": about(2.0), "recovery_s": 0.0, "missing": 0},
             ),
@@ -75,7 +75,7 @@ def of(event: Event, on_silence: str = "hold") -> Notice | None:
             PeerHeard(2 * SECOND, 30_000_000, 12),
             Notice(
                 "heard",
-                "the world is heard again after 2.00 s, 30 ms after its first message; 12 positions are missing",
+                "data from the world again after 2 s, 30 ms after its first message; 12 positions are missing",
                 7 * SECOND,
                 values={"silence_s": about(2.0), "recovery_s": about(0.03), "missing": 12},
             ),
@@ -102,4 +102,4 @@ def test_what_is_said_of_each_event(event: Event, expected: Notice | None) -> No
 
 def test_what_a_side_does_in_silence_is_what_it_was_told_to_do() -> None:
     released = of(PeerSilent(6 * SECOND), "release")
-    assert released.text == "nothing from the world for 1.00 s: the spring is released"
+    assert released.text == "no data from the world for 1 s; releasing the spring"

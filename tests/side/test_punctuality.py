@@ -38,8 +38,9 @@ def test_each_late_tick_of_a_row_counts_and_so_does_all_its_time() -> None:
 def test_a_stall_that_goes_on_is_reported_every_second_with_its_whole_time() -> None:
     _, events = seen([1.0, *[50.0] * 200, *[1.0] * 5])
     told = stalls(events)
-    assert told[0].text == "the servo stalled for 50.0 ms: no force"
-    assert told[1].text == "the servo stalled for 1.05 s, late at each of 21 ticks: no force"
+    assert told[0].text == "the servo stalled for 50.0 ms (machine too busy): no force until it is on time again"
+    late = "the servo stalled for 1.05 s, late at each of 21 ticks "
+    assert told[1].text == f"{late}(machine too busy): no force until it is on time again"
     assert told[-1].text.startswith("the servo stalled for 10 s, late at each of 200 ticks")
     gaps = [(b.time_ns - a.time_ns) / SECOND for a, b in itertools.pairwise(told)]
     assert max(gaps) <= 1.05
@@ -49,15 +50,16 @@ def test_a_stall_that_goes_on_is_reported_every_second_with_its_whole_time() -> 
 def test_the_end_of_a_row_is_reported_if_its_last_ticks_were_not() -> None:
     _, events = seen([1.0, 30.0, 30.0, 30.0, 1.0, 1.0])
     assert [event.text for event in stalls(events)] == [
-        "the servo stalled for 30.0 ms: no force",
-        "the servo stalled for 0.09 s, late at each of 3 ticks: no force",
+        "the servo stalled for 30.0 ms (machine too busy): no force until it is on time again",
+        "the servo stalled for 0.09 s, late at each of 3 ticks (machine too busy): no force until it is on time again",
     ]
 
 
 def test_a_later_stall_says_how_many_there_were() -> None:
     _, events = seen([1.0, 30.0, 1.0, 40.0, 1.0])
     assert stalls(events)[-1].text == (
-        "the servo stalled for 40.0 ms: no force (2 late ticks so far, 0.071 s without force)"
+        "the servo stalled for 40.0 ms (machine too busy): no force until it is on time again "
+        "(2 late ticks so far, 0.071 s without force)"
     )
 
 

@@ -175,7 +175,7 @@ def test_parameters_that_a_scene_does_not_read_are_refused(directory: Path, caps
         (["study.toml", "--out", "study.toml"], "--out must name a directory"),
         ([], "Missing argument 'SPEC.toml'"),
         (["plot"], "Missing argument 'DIRECTORY'"),
-        (["plot", "nowhere"], f"no sweep in nowhere: {NAME} is not there"),
+        (["plot", "nowhere"], f"no sweep in nowhere: it has no {NAME}"),
     ],
 )
 def test_what_is_wrong_is_one_line(directory: Path, capsys: Capture, argv: list[str], said: str) -> None:

@@ -18,13 +18,13 @@ FAST = {"speed_max_mps": 1.2, "speed_limit_mps": 1.0}
 STOPPED = {"after_s": 2.5, "why": "it is hot", "asked": False}
 
 CASES: dict[str, tuple[dict[str, Any], str]] = {
-    "diverged": ({"theorem.diverged": True}, "it diverged: the energy account is no longer finite"),
+    "diverged": ({"theorem.diverged": True}, "the run diverged: its energy account is no longer finite"),
     "bound": (
         {"theorem.margin_J": -0.0125},
-        "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ",
+        "gave out 112.5 mJ, more than the 100 mJ allowed",
     ),
-    "margin": ({"theorem": {"margin_J": -0.0125}}, "margin -12.5 mJ"),
-    "half": ({"world.ledger.margin_J": -0.003}, "the world's half: margin -3 mJ"),
+    "margin": ({"theorem": {"margin_J": -0.0125}}, "the margin fell to -12.5 mJ"),
+    "half": ({"world.ledger.margin_J": -0.003}, "the margin of the world's half fell to -3 mJ"),
     "slack": (
         {"device.ledger": {"margin_J": 0.05, "slack_J": -0.004}},
         "the device's half of the theorem fails by 4 mJ",
@@ -33,12 +33,12 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         {"device.true_slack_J": -0.004},
         "with the true positions the device's half of the theorem fails by 4 mJ",
     ),
-    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "at the hand and the walls: margin -150 mJ"),
+    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "the margin at the hand and the walls fell to -150 mJ"),
     "never sent": (
         {"energy.down": FLOW | {"credited_nJ": 10_466_000_010}},
         "the device credited 10466 mJ that the world never sent",
     ),
-    "torn": ({"torn": ["device"]}, "the device's recording is torn: the rest of its account is missing"),
+    "torn": ({"torn": ["device"]}, "the device's recording is incomplete: the rest of its account is missing"),
     "peer lost": (
         {"peer_report": {"side": "world", "as_of_s": 4.25, "final": False, "whole": False}},
         "the rest of the world's account is missing since its last report, 4.2 s after pairing",
@@ -49,7 +49,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "account": (
         {**NO_MARGIN, "device": None},
-        "the device's account is not here; the world's half held, at most 0 of its 50 mJ ever came out",
+        "the device's account is missing; the world's half held and gave out at most 0 mJ of its 50 mJ",
     ),
     "accounts": (
         {**NO_MARGIN, "device": None, "world": None},
@@ -57,13 +57,13 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "joint account": (
         {**NO_MARGIN, "device": None, "coupling": "wave"},
-        "of both ports together only, and the device's account is not here",
+        "this coupling is passive only at both ports together, and the device's account is missing",
     ),
     "not at once": (
         {**NO_MARGIN, "coupling": "wave"},
-        "of both ports together only, and both were not seen at the same time",
+        "this coupling is passive only at both ports together, and no clock covers both",
     ),
-    "no fit": (NO_MARGIN, "the accounts of both sides do not fit each other"),
+    "no fit": (NO_MARGIN, "the accounts of the two sides do not match"),
     "restart": (
         {**NO_MARGIN, "world.incarnations": 2},
         "the device was restarted: the account of its earlier process is not known",
@@ -76,7 +76,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),
     "dead stream": (
         {"world.unanswered_s": 55.25},
-        "the world's energy stream is dead: nothing of it was acknowledged for 55.2 s",
+        "the world's energy stream is dead: no acknowledgement for 55.2 s",
     ),
     "stopped": ({"device.stopped": STOPPED}, "the device's force was stopped after 2.5 s: it is hot"),
     "leak": (
@@ -106,7 +106,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "world's account": (
         {"environment": {"env_diverged": True}},
-        "the world's own account is not finite (its stored_J or supplied_J): its energy is not known",
+        "the world's own account is not finite (stored_J or supplied_J): its energy is not known",
     ),
     "blocked": (
         {"device.driver": {"blocked": "read() of mine:Handle took 4.0 s"}},
@@ -160,7 +160,7 @@ def test_no_run_without_the_devices_account_ends_with_0(capsys: pytest.CaptureFi
 
 
 def test_a_world_that_was_killed_did_not_fail() -> None:
-    """Its recording is torn, which is the cause."""
+    """Its recording is incomplete, which is the cause."""
     changes = {"torn": ["world"], "world.failed": "was killed by SIGKILL"}
     assert [one.cause for one in findings(but(changes))] == ["torn"]
 
@@ -176,7 +176,7 @@ def test_the_page_has_each_row_of_the_table_and_no_other() -> None:
     page = (ROOT / "hapnet" / "summary" / "README.md").read_text("utf-8")
     table = page.partition("| cause | verdict | exit code | sentence |\n|---|---|---|---|\n")[2].partition("\n\n")[0]
     rows = [re.split(r" *\| *", line.strip("| ")) for line in table.splitlines()]
-    words = {False: "*NOT passive*", None: "*not known*", True: "any"}
+    words = {False: "*NOT PASSIVE*", None: "*NOT KNOWN*", True: "any"}
     assert rows == [[name, words[row.passive], str(row.code), row.sentence] for name, row in CAUSES.items()]
 
 

@@ -125,7 +125,7 @@ def test_in_words() -> None:
 
 def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> None:
     short = ["--duration", "0.3", "--no-files"]
-    assert cli.main(["simulate", *short]) == 0
+    assert cli.main(["simulate", *short, "-v"]) == 0
     assert capsys.readouterr().out.count("wall: 3000 N/m, felt as 171.4 N/m through springs of 200 and 500 N/m\n") == 1
     assert cli.main(["simulate", *short, "--scene", "free"]) == 0
     assert "felt" not in capsys.readouterr().out

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.structure import SidePart, Summary, Theorem, known, read, unknown
-from hapnet.summary.tables import brief_text, summary_text
+from hapnet.summary.tables import summary_text, verdict_text
 from hapnet.summary.verdict import broken, judge
 from hapnet.summary.words import verdict
 
@@ -41,7 +41,7 @@ def test_anything_becomes_a_summary_that_can_be_judged_and_shown(tree: Any) -> N
     assert judge(summary)["reason"]
     assert isinstance(broken(tree), bool)
     assert verdict(tree)
-    assert brief_text(tree)
+    assert verdict_text(tree)
     assert summary_text(tree)
 
 

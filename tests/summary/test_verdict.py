@@ -47,19 +47,19 @@ def but(changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_a_run_that_was_passive_says_by_how_much() -> None:
-    reason = "at most 0 of d² = 100 mJ ever came out; margin 145 mJ at the end, at least 104 after 1 s"
+    reason = "gave out at most 0 mJ of the 100 mJ allowed"
     assert judge(WELL) == {"passive": True, "reason": reason}
     some = but({"theorem.margin_J": 0.0876, "theorem.energy_out_J": 0.0124, "theorem.margin_later_J": None})
-    assert judge(some)["reason"] == "at most 12.4 of d² = 100 mJ ever came out; margin 145 mJ at the end"
+    assert judge(some)["reason"] == "gave out at most 12.4 mJ of the 100 mJ allowed"
 
 
 AGAINST: dict[str, tuple[dict[str, Any], str]] = {
     "both ports": (
         {"theorem.margin_J": -0.0125, "theorem.energy_out_J": 0.1125},
-        "112.5 mJ came out of both ports, of d² = 100 mJ: margin -12.5 mJ",
+        "gave out 112.5 mJ, more than the 100 mJ allowed",
     ),
-    "beyond rounding": ({"theorem.margin_J": -2e-9}, "margin -2e-06 mJ"),
-    "own margin": ({"world.ledger.margin_J": -0.003}, "the world's half: margin -3 mJ"),
+    "beyond rounding": ({"theorem.margin_J": -2e-9}, "gave out 100.000002 mJ, more than the 100 mJ allowed"),
+    "own margin": ({"world.ledger.margin_J": -0.003}, "the margin of the world's half fell to -3 mJ"),
     "half": ({"device.ledger.slack_J": -0.004}, "the device's half of the theorem fails by 4 mJ"),
     "true positions": ({"device.true_slack_J": -0.004}, "with the true positions the device's half"),
     "credited": (
@@ -71,9 +71,9 @@ AGAINST: dict[str, tuple[dict[str, Any], str]] = {
         {"energy.down": FLOW | {"abandoned_nJ": -10_466_000_000}, "world.incarnations": 2},
         "the device credited 10466 mJ that the",
     ),
-    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "at the hand and the walls: margin -150 mJ"),
-    "hand at the end": ({"hand": {"work_J": -0.3}, "environment": {"work_J": 0.05}}, "the walls: margin -150 mJ"),
-    "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "it diverged"),
+    "hand": ({"hand": {"work_J": 9.0, "margin_J": -0.15}}, "the margin at the hand and the walls fell to -150 mJ"),
+    "hand at the end": ({"hand": {"work_J": -0.3}, "environment": {"work_J": 0.05}}, "the walls fell to -150 mJ"),
+    "diverged": ({"theorem.margin_J": None, "theorem.diverged": True}, "the run diverged"),
 }
 
 
@@ -89,13 +89,13 @@ def test_what_makes_a_run_not_passive(changes: dict[str, Any], words: str) -> No
 DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "deficit": ({"device.deficit_max_J": 2e-12}, "the device gave out 2e-09 mJ that its reservoir did not have"),
     "world's deficit": ({"world.deficit_max_J": 0.001}, "the world gave out 1 mJ that its reservoir did not have"),
-    "dead stream": ({"world.unanswered_s": 55.25}, "the world's energy stream is dead: nothing of it was acknowledged"),
-    "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is not here"),
-    "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is not here"),
+    "dead stream": ({"world.unanswered_s": 55.25}, "the world's energy stream is dead: no acknowledgement"),
+    "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is missing"),
+    "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is missing"),
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
     "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was restarted"),
-    "torn": ({"torn": ["device"]}, "the device's recording is torn"),
-    "no fit": ({"theorem.margin_J": None}, "the accounts of both sides do not fit each other"),
+    "torn": ({"torn": ["device"]}, "the device's recording is incomplete"),
+    "no fit": ({"theorem.margin_J": None}, "the accounts of the two sides do not match"),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "both ended": (
         {"device.failed": "no power", "world.failed": "no power"},
@@ -219,7 +219,7 @@ def test_an_older_summary_that_lacks_what_counts_is_not_known(old: dict[str, Any
 
 def test_an_older_summary_that_has_it_is_read() -> None:
     old = {"theorem": {"margin_J": 0.0312, "bound_J": 0.1}, "device": {"sent_nJ": 1}, "coupling": "pspm"}
-    assert judge(old) == {"passive": True, "reason": "at most 68.8 of d² = 100 mJ ever came out"}
+    assert judge(old) == {"passive": True, "reason": "gave out at most 68.8 mJ of the 100 mJ allowed"}
     halves = {side: {"ledger": {"margin_J": margin}} for side, margin in (("device", 0.5), ("world", 0.25))}
     assert judge(halves) == {"passive": True, "reason": "margin at least 750 mJ"}
 
@@ -375,7 +375,7 @@ def test_a_coupling_that_did_not_keep_its_claim_ends_with_4(
     assert cli.main(words) == 4
     out, err = capsys.readouterr()
     why = "the device's half of the theorem fails by 1 mJ"
-    assert out.startswith(f"NOT passive: {why}")
+    assert out.startswith(f"NOT PASSIVE: {why}")
     assert err == f"hapnet: the coupling pspm claims to be passive, but was not: {why}\n"
     assert cli.main([*words, "--coupling", "zoh"]) == 0
 
@@ -405,5 +405,5 @@ def test_a_servo_that_was_away_for_too_long_ends_with_3(
     monkeypatch.setattr(Simulation, "run", away)
     assert cli.main(["simulate", "--no-files", "--duration", "0.2"]) == 3
     out, err = capsys.readouterr()
-    assert out.startswith("NOT passive: ")
+    assert out.startswith("NOT PASSIVE: ")
     assert "hapnet: not passive, because of the servo and not of the coupling: the servo stalled" in err

@@ -253,7 +253,7 @@ def test_a_live_pair_is_judged_by_what_its_sides_report() -> None:
 
 def test_its_reasons_are_those_of_the_summary_at_its_end() -> None:
     shown = pair_of(margin_J=-0.2).snapshot().summary
-    assert shown["verdict"]["reason"].startswith("200 mJ came out of both ports, of d² = 100 mJ: margin -100 mJ")
+    assert shown["verdict"]["reason"].startswith("gave out 200 mJ, more than the 100 mJ allowed")
     assert shown["theorem"]["margin_end_J"] == pytest.approx(-0.06)
 
 

@@ -156,7 +156,7 @@ async def test_another_coupling_is_another_episode_with_an_account_of_its_own(tm
         assert d.about["params"]["device"]["smoothing_s"] == 0.0
     lines = [line for line in play.said.getvalue().splitlines() if line[:1].isdigit()]
     assert [line.split(",")[0] for line in lines] == ["1: hapnet", "2: zoh", "3: paper", "4: paper", "5: wave"]
-    assert ["NOT passive" in line for line in lines[:3]] == [False, True, False]
+    assert ["NOT PASSIVE" in line for line in lines[:3]] == [False, True, False]
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from hapnet.ext.page.commands import stage
 from hapnet.ext.page.numbers import _table
 from hapnet.params import Params
 from hapnet.realtime.runner import RealtimeSide
-from hapnet.summary.words import stated
+from hapnet.summary.words import headline
 from hapnet.transport.config import ZenohSettings
 from hapnet.wire.messages import Role
 from tests.view.test_play import Playing, playing
@@ -147,10 +147,11 @@ async def switched(play: Playing, label: str, new: str, rng: random.Random, ende
     await met(play, lambda: play.stage.summary is not before, look)
     assert play.stage.summary is not None
     verdict, kept, line = play.stage.summary["verdict"], play.history.snapshot().past[-1], lines(play)[-1]
+    first = headline(play.stage.summary)[0]
     if not gone:
         wrong.append("the old pair's verdict was shown to its end")
-    if not line.partition(" s: ")[2] == stated(verdict) == stated(kept.verdict):
-        wrong.append(f"page {stated(kept.verdict)!r}, terminal {line!r}, summary {stated(verdict)!r}")
+    if line.partition(" s: ")[2] != first or kept.verdict != verdict:
+        wrong.append(f"page {kept.verdict!r}, terminal {line!r}, summary {verdict!r}")
     if not line.split(": ")[1].startswith(f"{label}, ") or label_of(kept.coupling, kept.rendering) != label:
         wrong.append(f"{line!r} and {kept} are of {label}")
     return wrong, "" if live in ("...", WORDS[verdict["passive"]]) else f"; before that {live}"

@@ -31,17 +31,23 @@ def test_where_all_is_well_nothing_is_said() -> None:
 
 
 def test_a_servo_that_was_away_is_told_for_a_while() -> None:
-    away = Event(7, "overrun", "the servo was away for 24.0 ms: no force")
+    away = Event(7, "overrun", "the servo stalled for 24.0 ms (machine too busy): no force until it is on time again")
     reported = snapshot(
         track(50.0), track(50.0), "pspm", Event(1, "overrun", "earlier"), away, Event(9, "link", "better")
     )
     troubles = Troubles()
-    line = "the servo was away for 24.0 ms: no force; this machine is too busy for its servo"
+    line = "the servo stalled for 24.0 ms (machine too busy): no force until it is on time again"
     assert troubles.now(reported, 10.0) == [line]
     assert troubles.now(reported, 9.9 + SHOWN_S) == [line]
     assert troubles.now(reported, 10.1 + SHOWN_S) == []
     again = replace(
-        reported, events=(*reported.events, Event(11, "overrun", "the servo was away for 30.0 ms: no force"))
+        reported,
+        events=(
+            *reported.events,
+            Event(
+                11, "overrun", "the servo stalled for 30.0 ms (machine too busy): no force until it is on time again"
+            ),
+        ),
     )
     assert len(troubles.now(again, 20.0)) == 1
 

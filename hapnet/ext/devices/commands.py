@@ -30,16 +30,20 @@ def devices(json_to: flags.Json = None) -> int:
         row = _row(name, target, package)
         rows.append(row)
         console.print(f"{name:<10} {row['about']}", markup=False)
-        state = f"missing: {row['missing']}" if row["missing"] else f"found: {', '.join(row['found']) or 'none'}"
-        console.print(f"{'':<10} {row['tested']}; {row['from']}; {state}", style="dim", markup=False)
-    if rules := [rule for row in rows if (rule := row["udev"])]:
+        state = f"found: {', '.join(row['found'])}" if row["found"] else "none found"
+        if row["missing"]:
+            state = f"{'needs' if row['about'] else 'its driver cannot be loaded:'} {row['missing']}"
+        whose = "" if row["from"] == "hapnet" else f"; from the package {row['from']}"
+        console.print(f"{'':<10} {row['tested']}{whose}; {state}", style="dim", markup=False)
+    if rules := dict.fromkeys(rule for row in rows if (rule := row["udev"])):
         console.print(
-            "without these udev rules (/etc/udev/rules.d/70-hapnet.rules) only root may open some:", markup=False
+            "to open some of them without being root, put these rules into /etc/udev/rules.d/70-hapnet.rules:",
+            markup=False,
         )
         for rule in rules:
             console.print(f"  {rule}", style="dim", markup=False)
     console.print("simulated arms: --device omni, or arm:FILE.urdf?tip=LINK", markup=False)
-    console.print("your own: --device module:Class, or a package with the entry point hapnet.devices")
+    console.print("your own driver: --device module:Class, or a package with the entry point hapnet.devices")
     output.write_json(rows, json_to)
     return 0
 

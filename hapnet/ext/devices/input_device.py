@@ -108,7 +108,7 @@ class InputDevice(Driver):
                 return
             except OSError as error:
                 self.close()
-                raise DeviceSilent(f"{self._path} has gone ({error.strerror})") from None
+                raise DeviceSilent(f"{self._path} was disconnected ({error.strerror})") from None
             if not data:
                 return
             self._unread += data
@@ -124,7 +124,7 @@ class InputDevice(Driver):
                 pass
             else:
                 return
-        raise DeviceSilent(f"{self._path} has gone")
+        raise DeviceSilent(f"{self._path} was disconnected")
 
     def _open(self) -> None:
         self._file = os.open(self._path, os.O_RDONLY | _NO_WAIT)

@@ -18,6 +18,7 @@ from hapnet.checks import Vector, one_of
 from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.devices import inverse3_messages as wire
+from hapnet.installing import install_command
 
 if TYPE_CHECKING:
     from hapnet.ext.devices.websocket import Caller
@@ -58,7 +59,7 @@ class Inverse3(Driver):
     """
 
     about = "Haply Inverse3, through the Inverse Service"
-    tested = "emulator-tested"
+    tested = "tested with an emulator"
     emulator = "hapnet.ext.devices.inverse3_emulator:Inverse3Emulator"
     rate_hz: float = 1000.0
     force_limit: float = 10.0
@@ -118,7 +119,7 @@ class Inverse3(Driver):
 
     @classmethod
     def missing(cls) -> str:
-        return "websockets, of the extra `haply`" if find_spec("websockets") is None else ""
+        return f"websockets: {install_command('websockets')}" if find_spec("websockets") is None else ""
 
     @classmethod
     def found(cls) -> Sequence[str]:

@@ -48,7 +48,7 @@ class SerialAxis(Driver):
     """
 
     about = "a home-made axis on a serial port (Teensy, RP2040, ESP32, SimpleFOC, Hapkit)"
-    tested = "emulator-tested"
+    tested = "tested with an emulator"
     udev = 'SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", TAG+="uaccess"'
     emulator = "hapnet.ext.devices.serial_emulator:SerialEmulator"
     rate_hz: float = 1000.0

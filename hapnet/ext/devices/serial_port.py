@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.installing import install_command
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -25,7 +26,7 @@ _LONGEST_HELD_MS = 2
 
 def missing() -> str:
     """Name the packages that a serial port needs and that are not installed; empty: none."""
-    return "pyserial, of the extra `serial`" if find_spec("serial") is None else ""
+    return f"pyserial: {install_command('pyserial')}" if find_spec("serial") is None else ""
 
 
 def ports(is_one: Callable[[Any], bool]) -> tuple[str, ...]:
@@ -62,12 +63,12 @@ class SerialPort:
         now_s = time.monotonic()
         if now_s < self._next_try_s:
             time.sleep(min(patience_s, self._next_try_s - now_s))  # as the servo tries again and again
-            raise DeviceSilent(f"{self.path} has gone")
+            raise DeviceSilent(f"{self.path} was disconnected")
         self._next_try_s = now_s + _AGAIN_S
         try:
             self._open()
         except InvalidParameter as error:
-            raise DeviceSilent(f"{self.path} has gone") from error
+            raise DeviceSilent(f"{self.path} was disconnected") from error
         return True
 
     def read(self, seconds: float) -> bytes:
@@ -83,20 +84,20 @@ class SerialPort:
             came = b""
         if not came:
             self.close()
-            raise DeviceSilent(f"{self.path} has gone")
+            raise DeviceSilent(f"{self.path} was disconnected")
         return came
 
     def write(self, data: bytes) -> None:
         """Send bytes now. Raises DeviceSilent: that is not possible, and they are dropped."""
         if self._port is None:
-            raise DeviceSilent(f"{self.path} has gone")
+            raise DeviceSilent(f"{self.path} was disconnected")
         try:
             os.write(self._port.fileno(), data)
         except BlockingIOError:
             raise DeviceSilent(f"{self.path} accepts no commands") from None
         except OSError:
             self.close()
-            raise DeviceSilent(f"{self.path} has gone") from None
+            raise DeviceSilent(f"{self.path} was disconnected") from None
 
     def close(self) -> None:
         """Close the port."""

@@ -99,17 +99,17 @@ class Caller:
             return messages
         except Gone as error:
             self._lose()
-            raise DeviceSilent(f"the service at {self.url} has gone") from error
+            raise DeviceSilent(f"the service at {self.url} closed the connection") from error
 
     def send(self, message: bytes) -> None:
         """Send a text. Raises DeviceSilent."""
         if self._socket is None:
-            raise DeviceSilent(f"the service at {self.url} has gone")
+            raise DeviceSilent(f"the service at {self.url} closed the connection")
         try:
             self._socket.send(message)
         except Gone as error:
             self._lose()
-            raise DeviceSilent(f"the service at {self.url} has gone") from error
+            raise DeviceSilent(f"the service at {self.url} closed the connection") from error
 
     def close(self) -> None:
         """Close the connection; `receive` connects again."""

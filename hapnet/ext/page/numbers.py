@@ -186,7 +186,7 @@ class Troubles:
             self._last, self._seen_s = stall, now_s
         found = []
         if self._last is not None and now_s - self._seen_s < SHOWN_S:
-            found.append(f"{self._last.text}; this machine is too busy for its servo")
+            found.append(self._last.text)
         coupling, _ = coupled(snapshot.device_status or snapshot.world_status)
         if has_reservoirs(coupling):
             for role, track in (("device", snapshot.device), ("world", snapshot.world)):

@@ -64,7 +64,7 @@ def report(
             with written.part():
                 source = replace(source, repaired=repair(source.path))
             copy = f": repaired and indexed copy in {source.repaired}" if source.repaired else ""
-            words.print(f"{source.path} is torn (its writer was killed){copy}", markup=False)
+            words.print(f"{source.path} is incomplete (the process that wrote it was killed){copy}", markup=False)
         sources.append(source)
     found = replace(found, sources=tuple(sources))
     first = found.sources[0].path
@@ -72,10 +72,13 @@ def report(
     stem = "-".join(source.path.stem for source in found.sources)
     with fitting(first):
         there = write(found, directory, f"{stem}.html", names_of(stem), written)
-        output.show_summary(words, found.summary, verbose=verbose)
+        output.show_verdict(words, found.summary, verbose=verbose)
         virtual = found.recording.meta.get("clock") == "virtual"
         written.judge(found.summary, asked(found.parts), virtual=virtual, ran=False)
-    output.show_files(words, there, directory)
+    if verbose:
+        output.show_files(words, there, directory)
+    else:
+        output.show_fact(words, found.summary, output.more_in(directory, f"{stem}.html"))
     with written.part():
         output.write_json(found.summary, json_to)
     return written.code()
@@ -135,11 +138,13 @@ def reproduce(
     result.summary["reconstructed"] = True
     output.write_json(result.summary, str(directory / f"{figure}.json"))
     output.show_warnings(words, result.warnings)
-    output.show_summary(words, result.summary, verbose=verbose)
+    output.show_verdict(words, result.summary, verbose=verbose)
+    if not verbose:
+        output.show_fact(words, result.summary, output.more_in(directory, f"{figure}.png"))
+    else:
+        output.show_files(words, (f"{figure}.png", f"{figure}.mcap", f"{figure}.json"), directory)
     written = output.Written()
     written.judge(result.summary, chosen, virtual=True)
-    names = (f"{figure}.png", f"{figure}.mcap", f"{figure}.json")
-    output.show_files(words, names, directory)
     words.print(LOST, markup=False)
     output.write_json(result.summary, json_to)
     return written.code()

@@ -44,7 +44,7 @@ for (const shown of document.querySelectorAll(".zoom")) {
 _HOW_TO_ZOOM = " Drag over a part to zoom into it, turn the wheel, or double-click to see all again."
 _WHAT_IT_MEANS = {
     "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
-    "(Theorem 1). The line above has the most energy that came out, the margin that was left at the end, and the "
+    "(Theorem 1). The line above has the most energy that came out; the summary has the margin at the end, and the "
     "smallest margin after the first second.",
     "bad": "More energy came out than the bound d² allows: Theorem 1 does not hold for this run.",
     "unknown": "The known data do not show whether Theorem 1 held throughout.",
@@ -157,7 +157,8 @@ def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html
 
 
 def _torn(source: ReportSource) -> str:
-    words = f"{source.path.name} is torn: its writer was killed. The report covers the samples that can be read"
+    words = f"{source.path.name} is incomplete: the process that wrote it was killed. "
+    words += "The report covers the samples that can be read"
     return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
 
 

@@ -80,7 +80,7 @@ class BusArm(Driver):
     does not answer, has a setting that differs from the calibration, or answers too late.
     """
 
-    tested = "emulator-tested"
+    tested = "tested with an emulator"
     udev = 'SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", TAG+="uaccess"'
     rate_hz: float = 250.0
 

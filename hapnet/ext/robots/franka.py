@@ -69,7 +69,7 @@ class Franka(Driver):
     """
 
     about = "Franka Research 3 (pylibfranka, server version 10)"
-    tested = "with the simulator franka-sim, never on a robot"
+    tested = "tested with the simulator franka-sim, not on a robot"
     rate_hz: float = 1.0 / PERIOD_S
     blocking = True
     watchdog_s: float | None = LOST_IN_A_ROW * PERIOD_S

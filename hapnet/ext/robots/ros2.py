@@ -18,6 +18,7 @@ from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import BadMessage, DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.devices.timed_velocity import TimedVelocity
 from hapnet.ext.robots.ros2_inbox import PERIODS, Inbox
+from hapnet.installing import install_command
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic, missing
 
 T = TypeVar("T")
@@ -120,7 +121,7 @@ class Ros2(Driver):
 
     @classmethod
     def missing(cls) -> str:
-        return f"{' and '.join(missing().split())}, of the extra `ros2`" if missing() else ""
+        return f"{' and '.join(missing().split())}: {install_command(missing())}" if missing() else ""
 
     def read(self) -> tuple[Vector, Vector]:
         if (newest := self._states.next(self._wait_s)) is None:

@@ -133,7 +133,7 @@ class DaskCluster:
 
     def _alive(self) -> None:
         if self._client.status != "running":
-            raise HapnetError(f"the Dask scheduler at {self._address} is gone")
+            raise HapnetError(f"the connection to the Dask scheduler at {self._address} is lost")
 
     def _ask(self, call: Any, *args: Any, **named: Any) -> Any:
         try:

@@ -105,7 +105,7 @@ class Journal:
         """The journal in `directory`, to read only; its sweep may still run. Raises HapnetError if there is none."""
         path = directory / NAME
         if not path.is_file():
-            raise HapnetError(f"no sweep in {directory}: {NAME} is not there")
+            raise HapnetError(f"no sweep in {directory}: it has no {NAME}")
         with ExitStack() as undo, _readable(path):
             journal = cls(path, undo.enter_context(closing(_open(path, "rw"))), None)
             undo.pop_all()

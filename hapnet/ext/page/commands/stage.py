@@ -30,8 +30,7 @@ from hapnet.params import Params
 from hapnet.processes.system import give_back_freed
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.structure import Summary
-from hapnet.summary.tables import brief
-from hapnet.summary.words import stated
+from hapnet.summary.words import headline
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -79,7 +78,7 @@ class PairSequence:
         self._directory: Path | None = None
         self._recorded = 0
         self._recording = False
-        self._repeats = Repeats(shown=1)
+        self._repeats = Repeats()
         self.summary: Summary | None = None
         """The summary of the last pair that has ended."""
 
@@ -225,12 +224,11 @@ class PairSequence:
         self._episodes += 1
         label, seconds = label_of(params.coupling, params.rendering), summary["duration_s"] or 0.0
         self._words.print(
-            f"{self._episodes}: {label}, {seconds:.0f} s: {stated(verdict)}",
+            f"{self._episodes}: {label}, {seconds:.0f} s: {headline(summary)[0]}",
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )
-        if last:
-            self._words.print("\n".join(brief(summary)), markup=False)
+        output.show_fact(self._words, summary)
         return summary
 
     def _lead(self, position: Vector) -> None:
@@ -272,7 +270,7 @@ class PairSequence:
         kind, text = notice["kind"], notice["text"]
         if notice["level"] == "info" or self._over.is_set():
             return
-        if (text := self._repeats.line(role, kind, text, notice["monotonic_ns"])) is None:
+        if (text := self._repeats.line(role, notice)) is None:
             return
         if kind == "overrun":
             text += "; it shares the processor with the browser (--realtime helps)"
