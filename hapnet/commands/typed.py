@@ -1,0 +1,69 @@
+"""The flags as the user typed them, in errors: a parameter that came from a flag is named by the flag."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from hapnet.errors import HapnetError
+from netem.command_help import PlainCommand
+
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "follower.robot": ("follower", "hardware"),  # the second with --role follower
+    "device.servo": ("servo",),
+    "device.servo_hz": ("servo_hz",),
+    "duration_s": ("duration",),
+    "duration": ("duration",),
+    "wire.deadband": ("deadband",),
+    "device.on_silence": ("on_silence",),
+    "world.on_silence": ("on_silence",),
+    "device.silence_after_s": ("silence_after",),
+    "world.silence_after_s": ("silence_after",),
+}
+"""By parameter, the fields of option groups that set it, where their names differ."""
+
+
+class Command(PlainCommand):
+    """A command whose errors name the flags that were typed."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        ctx.meta[_ARGS] = list(args)
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except HapnetError as error:
+            text = in_words_of(str(error), dict(self._typed(ctx)))
+            if text != str(error):
+                error.args = (text, *error.args[1:])
+            raise
+
+    def _typed(self, ctx: Any) -> Iterator[tuple[str, str]]:
+        """(parameter, flag) of every flag that was typed; `--set` is last, as it overrides the others."""
+        words = [word.partition("=")[0] for word in ctx.meta[_ARGS]]
+        options = {option.name: option.opts for option in self.params if option.param_type_name == "option"}
+        for name in options:
+            yield from ((parameter, flag) for parameter, flag in _pairs(name, options, words))
+        for word in ctx.params.get("assign") or ():
+            name = word.partition("=")[0].strip()
+            yield name, f"--set {name}"
+
+
+_ARGS = "hapnet.args"
+
+
+def _pairs(name: str, options: Mapping[str, list[str]], words: list[str]) -> Iterator[tuple[str, str]]:
+    flag = next((word for word in words if word in options[name]), None)
+    if flag is not None:
+        yield from ((parameter, flag) for parameter in (name, *(p for p, fields in FIELDS.items() if name in fields)))
+
+
+def in_words_of(text: str, typed: Mapping[str, str]) -> str:
+    """The text of an error whose subject is a parameter in `typed`, with the flag in the parameter's place."""
+    found = re.match(r"((?:[^:']+: )?unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
+    if found is None or found[2] not in typed:
+        return text
+    return f"{found[1] or ''}{typed[found[2]]}{text[found.end() :]}"
