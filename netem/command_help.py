@@ -1,7 +1,8 @@
 """The help of commands as plain text in two columns; on a narrow terminal each text stands below its flag.
 
-A flag whose panel ends in `MORE`, all but the first paragraph of its text, and all but two of a command's, need ``--help-all``.
-Only public attributes are read, as which module defines the parameters' classes depends on typer's version.
+A flag whose panel ends in `MORE`, all but the first paragraph of its text, and all but two of a command's, need
+``--help-all``. Only public attributes are read, as which module defines the parameters' classes depends on typer's
+version.
 """
 
 from __future__ import annotations

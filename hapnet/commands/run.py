@@ -74,7 +74,8 @@ def run(
             target = os.dup(sys.stdout.fileno()) if log_to == "-" else Path(name)
             log = open(target, "ab" if log_to else "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
-            raise HapnetError(f"cannot write to {name}: {error.strerror or error}") from None
+            by = "--log: " if log_to else ""
+            raise HapnetError(f"{by}cannot write to {name}: {error.strerror or error}") from None
         output.show_warnings(words, setup.warnings)
         written = output.Written()
         caught: list[signal.Signals] = []

@@ -44,26 +44,26 @@ class Command(PlainCommand):
     def _typed(self, ctx: Any) -> Iterator[tuple[str, str]]:
         """(parameter, flag) of every flag that was typed; `--set` is last, as it overrides the others."""
         words = [word.partition("=")[0] for word in ctx.meta[_ARGS]]
-        options = {option.name: option.opts for option in self.params if option.param_type_name == "option"}
-        for name in options:
-            yield from ((parameter, flag) for parameter, flag in _pairs(name, options, words))
+        for option in self.params:
+            flag = next((word for word in words if word in option.opts), None)
+            if flag is not None:
+                fields = (parameter for parameter, names in FIELDS.items() if option.name in names)
+                yield from ((parameter, flag) for parameter in (str(option.name), *fields))
         for word in ctx.params.get("assign") or ():
-            name = word.partition("=")[0].strip()
-            yield name, f"--set {name}"
+            yield word.partition("=")[0].strip(), "--set"
+            yield "parameter", "--set"
 
 
 _ARGS = "hapnet.args"
 
 
-def _pairs(name: str, options: Mapping[str, list[str]], words: list[str]) -> Iterator[tuple[str, str]]:
-    flag = next((word for word in words if word in options[name]), None)
-    if flag is not None:
-        yield from ((parameter, flag) for parameter in (name, *(p for p, fields in FIELDS.items() if name in fields)))
-
-
 def in_words_of(text: str, typed: Mapping[str, str]) -> str:
-    """The text of an error whose subject is a parameter in `typed`, with the flag in the parameter's place."""
-    found = re.match(r"((?:[^:']+: )?unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
-    if found is None or found[2] not in typed:
+    """The text of an error whose subject is a parameter in `typed`, with the flag in the parameter's place.
+
+    `--set` is followed by the parameter, which is a part of what was typed.
+    """
+    found = re.match(r"((?!--)(?:[^:']+: )?unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
+    flag = None if found is None else typed.get(found[2])
+    if found is None or flag is None:
         return text
-    return f"{found[1] or ''}{typed[found[2]]}{text[found.end() :]}"
+    return f"--set: {text}" if flag == "--set" else f"{found[1] or ''}{flag}{text[found.end() :]}"

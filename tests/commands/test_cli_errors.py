@@ -32,7 +32,7 @@ def test_a_file_where_a_directory_is_wanted(capsys: Capture, tmp_path: Path) -> 
     file = tmp_path / "letter"
     file.touch()
     assert cli.main(["simulate", "--duration", "0.1", "--out", str(file)]) == 2
-    assert capsys.readouterr().err == f"hapnet: cannot write to {file}: it is a file, but --out must name a directory\n"
+    assert capsys.readouterr().err == f"hapnet: --out: cannot write to {file}: it is a file, not a directory\n"
 
 
 def test_completion_that_cannot_be_installed(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

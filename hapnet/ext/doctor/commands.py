@@ -46,7 +46,9 @@ def doctor(
     if force := ramp or damping:
         raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
     from hapnet.ext.doctor.machine import examine
+    from hapnet.transport.diagnosis import check_hosts
 
+    check_hosts(zenoh.connect or ())
     return _show(examine(zenoh.connect or [], zenoh.security, session, name), json_to)
 
 
