@@ -139,6 +139,14 @@ class LinkOptions:
         return {name: getattr(self, name) for name in ("delay", "jitter", "loss", "resend", "reorder", "rate")}
 
 
+def _loaded(base: Params, file: Path) -> Params:
+    """`base` changed by a file; its errors name the file."""
+    try:
+        return base.load(file)
+    except InvalidParameter as error:
+        raise error if error.name == "--params" else HapnetError(f"{file}: {error}") from None
+
+
 @contextmanager
 def _from(flag: str) -> Iterator[None]:
     """A context whose errors name the flag that gave the text."""
@@ -167,9 +175,9 @@ class ParamsOptions:
 
         Each overrides the sources before it.
 
-        Raises InvalidParameter, netem.NetemError: one line that names the value and what is allowed.
+        Raises HapnetError, netem.NetemError: one line that names the value and what is allowed.
         """
-        params = base if self.params_file is None else base.load(self.params_file)
+        params = base if self.params_file is None else _loaded(base, self.params_file)
         params = params.set({name: value for name, value in (named or {}).items() if value is not None}, FLAG)
         if links is not None:
             params = links.over(params)

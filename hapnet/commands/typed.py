@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from netem.command_help import PlainCommand
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
@@ -36,7 +36,7 @@ class Command(PlainCommand):
         try:
             return super().invoke(ctx)
         except HapnetError as error:
-            text = in_words_of(str(error), dict(self._typed(ctx)))
+            text = in_words_of(str(error), dict(self._typed(ctx)), within=isinstance(error, InvalidParameter))
             if text != str(error):
                 error.args = (text, *error.args[1:])
             raise
@@ -57,12 +57,14 @@ class Command(PlainCommand):
 _ARGS = "hapnet.args"
 
 
-def in_words_of(text: str, typed: Mapping[str, str]) -> str:
+def in_words_of(text: str, typed: Mapping[str, str], *, within: bool = True) -> str:
     """The text of an error whose subject is a parameter in `typed`, with the flag in the parameter's place.
 
-    `--set` is followed by the parameter, which is a part of what was typed.
+    `--set` is followed by the parameter, which is a part of what was typed. within : the parameter may stand behind a
+    module's name and a colon.
     """
-    found = re.match(r"((?!--)(?:[^:']+: )?unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
+    place = r"(?:[\w.]+: )?" if within else ""
+    found = re.match(rf"({place}unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
     flag = None if found is None else typed.get(found[2])
     if found is None or flag is None:
         return text
