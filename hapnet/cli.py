@@ -32,9 +32,9 @@ GROUP = "hapnet.commands"
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "run": ("hapnet.commands.run:run", "Run both sides on this machine, over an emulated bad network."),
-    "play": ("hapnet.ext.page.commands.play:play", "The same on a live page, with the mouse as the hand."),
+    "play": ("hapnet.ext.page.commands.play:play", "Run both sides with a live page, and the mouse as the hand."),
     "device": ("hapnet.commands.device:device", "Run the device's side, with `hapnet world` on another host."),
-    "world": ("hapnet.commands.device:world", "Run the virtual world's side, with `hapnet device` elsewhere."),
+    "world": ("hapnet.commands.device:world", "Run the world's side, with `hapnet device` on another host."),
     "simulate": ("hapnet.commands.simulate:simulate", "Simulate both sides in virtual time: fast and repeatable."),
     "report": ("hapnet.ext.pictures.commands:report", "Turn recordings into a page (HTML), figures and a summary."),
     "devices": ("hapnet.ext.devices.commands:devices", "List the devices, and the hardware that was found for each."),
@@ -42,7 +42,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "view": ("hapnet.ext.page.commands.view:view", "Watch a pair that runs elsewhere on a live page."),
     "replay": ("hapnet.commands.replay:replay", "Repeat a recorded run, also with another link or coupling."),
     "export": ("hapnet.commands.export:export", "Write recordings as tables: CSV, and Parquet."),
-    "compare": ("hapnet.ext.study.commands.compare:compare", "Compare couplings over the same links, hands and seeds."),
+    "compare": (
+        "hapnet.ext.study.commands.compare:compare",
+        "Compare couplings over the same links, operators and seeds.",
+    ),
     "transparency": (
         "hapnet.ext.study.commands.transparency:transparency",
         "Measure how couplings transmit a wall, over frequency.",

@@ -87,7 +87,9 @@ def page(command: Any, ctx: Any, sections: Mapping[str, list[Entry]] | None = No
     if command.epilog:
         parts.append(_filled(command.epilog, width))
     if left_out:
-        parts.append(_filled(f"{left_out} more flags, which few need: {ctx.command_path} --help-all", width))
+        parts.append(
+            _filled(f"`{ctx.command_path} --help-all` lists {left_out} more flags, which few users need.", width)
+        )
     return "\n\n".join("\n".join(lines) for lines in parts) + "\n"
 
 
@@ -140,7 +142,9 @@ def _right(parameter: Any, all_: bool) -> str:
     elif (
         shown and parameter.param_type_name == "option" and isinstance(value, str | int | float) and value is not False
     ):
-        default = parameter.opts[0].lstrip("-") if value is True else str(value)
+        default = (
+            parameter.opts[0].lstrip("-") if value is True else f"{value:g}" if isinstance(value, float) else str(value)
+        )
     else:
         default = ""
     return f"{text} [{default}]".strip() if default else text

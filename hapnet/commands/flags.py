@@ -37,7 +37,7 @@ Operator = Annotated[
     str | None,
     _model(
         metavar="NAME|FILE",
-        help="The hand: rest, sine, press, hand-1, or a recording."
+        help="The operator: rest, sine, press, hand-1, a recording."
         "\n\nhand-N is generated from the number N. A recording is a .csv or .mcap file.",
         autocompletion=complete.operators,
     ),
@@ -151,7 +151,7 @@ def _writable(target: str | None) -> str | None:
 Json = Annotated[
     str | None,
     typer.Option(
-        "--json", metavar="FILE|-", help="Write the result as JSON; -: only that, on stdout.", callback=_writable
+        "--json", metavar="FILE|-", help="Write the result as JSON; with -, to stdout only.", callback=_writable
     ),
 ]
 
@@ -167,7 +167,7 @@ Recorded = Annotated[
     typer.Argument(metavar="FILE", help="One recording, or the device's and the world's; or a run's directory."),
 ]
 SideOut = Annotated[Path | None, out_in("runs/<UTC time>-<device or world>")]
-Files = Annotated[bool, typer.Option("--files/--no-files", help="Write files, or none.")]
+Files = Annotated[bool, typer.Option("--files/--no-files", help="Write output files, or none.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all tables of the summary.")]
 Realtime = Annotated[
     bool,
@@ -180,7 +180,7 @@ Link = Annotated[
     _link(
         "--link",
         metavar="NAME|TEXT",
-        help="4g, wifi, ... (`netem profiles`), or tc-netem's text.",
+        help="A profile (4g, wifi, ...) or tc-netem's syntax.",
         autocompletion=complete.profiles,
     ),
 ]
@@ -258,7 +258,7 @@ SecretFile = Annotated[
     _security(
         "--secret-file",
         metavar="FILE",
-        help="Its first line is a secret: only who has it takes part.",
+        help="A shared secret, in the first line; only its owners can pair.",
     ),
 ]
 
@@ -278,7 +278,7 @@ Record = Annotated[
 ]
 Log = Annotated[
     str | None,
-    typer.Option("--log", metavar="FILE|-", help="Log events as lines of JSON; -: only these, on stdout."),
+    typer.Option("--log", metavar="FILE|-", help="Log events as lines of JSON; with -, to stdout only."),
 ]
 Once = Annotated[
     bool, typer.Option("--once", help="End when the other side has left.\n\nAlso when it was silent for 10 s.")

@@ -37,9 +37,8 @@ def run(
     log_to: flags.Log = None,
     realtime: flags.Realtime = False,
 ) -> int:
-    """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
-
-    Writes two recordings, a report, its figure and a summary.
+    """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction. Writes two
+    recordings, a report, its figure and a summary.
     """
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:

@@ -37,7 +37,7 @@ def doctor(
     ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
-    """Check this machine. With -e, also check whether Zenoh answers there, and measure the network: a side that
+    """With -e, also check whether Zenoh answers there, and measure the network: a side that
     listens there answers probes. With --device, measure that device instead: rate, latency, noise and resolution;
     --ramp and --damping use a force.
     """

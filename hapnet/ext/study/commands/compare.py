@@ -69,7 +69,7 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME[=TEXT]",
-            help="A profile, or a name and tc-netem's text; may be repeated."
+            help="A profile, or a name and tc-netem's syntax; may be repeated."
             "\n\nTEXT is up|down if they differ. "
             f"Default: {', '.join(QUICK.links)}.",
             rich_help_panel=_LINKS,
@@ -88,7 +88,7 @@ class CompareOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Hands: rest, sine, press, hand-1, or a recording."
+            help="Operators: rest, sine, press, hand-1, recordings."
             "\n\nMay be repeated. NAME@light: relaxed. hand-N is generated. "
             f"Parameters of its own after colons. Default: {QUICK.operators[0]}; without any list, all of "
             f"{', '.join(QUICK.operators)}.",
@@ -123,7 +123,7 @@ class CompareOptions:
         bool,
         typer.Option(
             "--files/--no-files",
-            help="Write files, or none."
+            help="Write output files, or none."
             "\n\nThey are compare.json, compare.csv (medians and intervals), compare.md, figures and a journal.",
         ),
     ] = True
