@@ -87,10 +87,17 @@ def page(command: Any, ctx: Any, sections: Mapping[str, list[Entry]] | None = No
     if command.epilog:
         parts.append(_filled(command.epilog, width))
     if left_out:
-        parts.append(
-            _filled(f"`{ctx.command_path} --help-all` lists {left_out} more flags, which few users need.", width)
-        )
+        text = f"`{ctx.command_path} --help-all` lists {left_out} more flags, which few users need."
+        parts.append(_filled(text, width))
+    elif not all_ and any("\n\n" in text for text in _texts(command)):
+        parts.append(_filled(f"More about it: {ctx.command_path} --help-all", width))
     return "\n\n".join("\n".join(lines) for lines in parts) + "\n"
+
+
+def _texts(command: Any) -> list[str]:
+    """The texts whose second paragraphs are left out; the first paragraph of a command's help is its line."""
+    about = (command.help or "").partition("\n\n")[2]
+    return [about, *(getattr(parameter, "help", None) or "" for parameter in command.params)]
 
 
 def _section(title: str, entries: Iterable[Entry], width: int) -> list[str]:
