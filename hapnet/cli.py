@@ -18,11 +18,12 @@ from pkgutil import resolve_name
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from hapnet.commands import output
 from hapnet.errors import HapnetError, OutputError
 from hapnet.loading import any_published, load, published
+from netem.command_help import HELP, Entry, PlainGroup
 from netem.errors import NetemError, unknown
 from netem.version_flag import versions
 
@@ -30,90 +31,37 @@ GROUP = "hapnet.commands"
 """The entry points by which other packages publish their commands, as ``module:function``."""
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
-    "run": (
-        "hapnet.commands.run:run",
-        "Run both processes on this machine, over Zenoh: a hand presses a virtual wall over a link with delay and "
-        "loss.",
-    ),
-    "simulate": (
-        "hapnet.commands.simulate:simulate",
-        "Simulate both sides in virtual time: in one process, deterministic for a seed, much faster than real time.",
-    ),
-    "play": (
-        "hapnet.ext.page.commands.play:play",
-        "Run a live page with the mouse as the hand. Both processes run on this machine, as in `hapnet run`.",
-    ),
-    "view": (
-        "hapnet.ext.page.commands.view:view",
-        "Watch a pair that runs elsewhere on a live page, without disturbing it: `hapnet view -e tcp/HOST:17447`.",
-    ),
-    "bridge": (
-        "hapnet.ext.page.commands.bridge:bridge",
-        "Publish a running pair on ROS 2's topics, by rmw_zenoh's layout and without ROS: `hapnet bridge ros2`.",
-    ),
-    "device": (
-        "hapnet.commands.device:device",
-        "Run the device's side only, for two hosts: simulated device and hand. Start it before or after "
-        "`hapnet world`.",
-    ),
-    "world": (
-        "hapnet.commands.device:world",
-        "Run the virtual world's side only, for two hosts. Start it before or after `hapnet device`.",
-    ),
-    "reproduce": (
-        "hapnet.ext.pictures.commands:reproduce",
-        "Simulate the paper's Figures 4, 5 and 6, with the numbers of its Section 4 (lost digits reconstructed).",
-    ),
-    "replay": (
-        "hapnet.commands.replay:replay",
-        "Repeat a recorded run in virtual time: as it was, or with the same hand and another link or coupling.",
-    ),
-    "report": (
-        "hapnet.ext.pictures.commands:report",
-        "Turn one or two recordings into a page (HTML), figures and a summary. A damaged one gets a repaired copy.",
-    ),
+    "run": ("hapnet.commands.run:run", "Run both sides on this machine, over an emulated bad network."),
+    "play": ("hapnet.ext.page.commands.play:play", "Run both sides with a live page, and the mouse as the hand."),
+    "device": ("hapnet.commands.device:device", "Run the device's side, with `hapnet world` on another host."),
+    "world": ("hapnet.commands.device:world", "Run the world's side, with `hapnet device` on another host."),
+    "simulate": ("hapnet.commands.simulate:simulate", "Simulate both sides in virtual time: fast and repeatable."),
+    "report": ("hapnet.ext.pictures.commands:report", "Turn recordings into a page (HTML), figures and a summary."),
+    "devices": ("hapnet.ext.devices.commands:devices", "List the devices, and the hardware that was found for each."),
+    "doctor": ("hapnet.ext.doctor.commands:doctor", "Check this machine, a network or a device; print what to mend."),
+    "view": ("hapnet.ext.page.commands.view:view", "Watch a pair that runs elsewhere on a live page."),
+    "replay": ("hapnet.commands.replay:replay", "Repeat a recorded run, also with another link or coupling."),
+    "export": ("hapnet.commands.export:export", "Write recordings as tables: CSV, and Parquet."),
     "compare": (
         "hapnet.ext.study.commands.compare:compare",
-        "Compare couplings over the same links, hands and seeds, in virtual time: their passivity and transparency.",
-    ),
-    "export": (
-        "hapnet.commands.export:export",
-        "Write one or two recordings as tables: CSV, and Parquet. Recordings of two hosts are put on the same clock.",
+        "Compare couplings over the same links, operators and seeds.",
     ),
     "transparency": (
         "hapnet.ext.study.commands.transparency:transparency",
-        "Measure how couplings transmit a wall: stiffness and damping over frequency, in virtual time.",
+        "Measure how couplings transmit a wall, over frequency.",
     ),
-    "tune": (
-        "hapnet.ext.study.commands.tune:tune",
-        "Search for the parameters that are best for an objective within constraints; score them on other cases.",
-    ),
-    "devices": (
-        "hapnet.ext.devices.commands:devices",
-        "List the devices for --device, with the hardware that was found for each, or what is missing for it.",
-    ),
-    "emulate": (
-        "hapnet.ext.devices.commands:emulate",
-        "Emulate a device: speak its protocol, with a simulated hand on the handle, in a process of its own.",
-    ),
-    "bench": (
-        "hapnet.ext.bench.commands:bench",
-        "Measure the cost of servo, message path and simulation on this machine, each beside a bare reference.",
-    ),
-    "doctor": (
-        "hapnet.ext.doctor.commands:doctor",
-        "Check what this machine allows a servo to do, and print how to allow the rest.",
-    ),
-    "compile": (
-        "hapnet.ext.compiled.commands:compile_couplings",
-        "Make the machine code of simulations and servos now (extra fast), once on a machine.",
-    ),
-    "sweep": (
-        "hapnet.ext.study.commands.sweep:app",
-        "Run thousands of cases over parameters, links and seeds, in virtual time; `hapnet sweep plot` draws them.",
-    ),
+    "sweep": ("hapnet.ext.study.commands.sweep:app", "Run thousands of cases over parameters, links and seeds."),
+    "tune": ("hapnet.ext.study.commands.tune:tune", "Search for the best parameters within constraints."),
+    "reproduce": ("hapnet.ext.pictures.commands:reproduce", "Simulate the paper's Figures 4, 5 and 6."),
+    "bridge": ("hapnet.ext.page.commands.bridge:bridge", "Publish a running pair on ROS 2's topics, without ROS."),
+    "emulate": ("hapnet.ext.devices.commands:emulate", "Emulate a device: its protocol, and a hand on the handle."),
+    "bench": ("hapnet.ext.bench.commands:bench", "Measure the cost of servo, message path and simulation here."),
+    "compile": ("hapnet.ext.compiled.commands:compile_couplings", "Make machine code for simulations and servos now."),
 }
 """hapnet's own commands in the order of the list: the function (or a `typer.Typer` with several), and its help."""
+
+FIRST = 8
+"""The number of commands in front; the list shows the others under "Research"."""
 
 
 @cache
@@ -134,11 +82,17 @@ def _summary(package: str) -> str:
     return str(metadata(package).json.get("summary", f"A command of {package}."))
 
 
-class _Commands(TyperGroup):
+class _Commands(PlainGroup):
     """The group of commands; it imports a command only to run it or to print its help."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(commands())
+
+    def sections(self, ctx: Any) -> Mapping[str, list[Entry]]:
+        """The commands in front, the others, and those of other packages."""
+        entries, own = list(commands().items()), len(COMMANDS)
+        parts = {"Commands": entries[:FIRST], "Research": entries[FIRST:own], "Of other packages": entries[own:]}
+        return {title: part for title, part in parts.items() if part}
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the entry for a command in the list."""
@@ -167,11 +121,12 @@ def _command(name: str) -> Any:
 
 
 def _for_typer(name: str, command: Any) -> Any:
+    from hapnet.commands.typed import Command
     from netem.groups import grouped
 
     if not isinstance(command, typer.Typer):
         alone = typer.Typer(add_completion=False)
-        alone.command(name)(grouped(command))
+        alone.command(name, cls=Command)(grouped(command))
         command = alone
     return typer.main.get_command(command)
 
@@ -179,14 +134,14 @@ def _for_typer(name: str, command: Any) -> Any:
 app = typer.Typer(
     cls=_Commands,
     name="hapnet",
-    help="Passive haptics over bad networks: a haptic device and a virtual world, coupled by passive set-position "
-    "modulation (PSPM) over Zenoh through an emulated lossy link. `hapnet run` shows it.",
+    help="Passive haptics over bad networks. Begin with `hapnet run`, or with `hapnet play` and the mouse.",
     epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line names the error; 3 "
     "the run went to its end, but its output is incomplete, or the device's force was stopped; 4 a coupling that "
     "claims to be passive was not; 5 another sender used a side's name, so passivity is unknown; "
     "128 + N stopped by signal N (Ctrl-C: 130).",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=dict(HELP),
 )
 
 

@@ -18,17 +18,20 @@ class InvalidParameter(HapnetError, ValueError):
     value : the given value.
     allowed : what is accepted, as text.
     known : the accepted names, if the value is a name: the message suggests similar names.
+    why : the reason, in place of what is allowed.
     """
 
-    def __init__(self, name: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:
+    def __init__(self, name: str, value: object, allowed: str, known: Iterable[str] = (), why: str = "") -> None:
         self.name: str = name
         self.value: object = value
         self.allowed: str = allowed
         self.known: tuple[str, ...] = tuple(known)
-        super().__init__(unknown(name, value, self.known) or f"{name} is {_short(value)}; allowed: {allowed}")
+        self.why: str = why
+        says = f"{name} {value}: {why}" if why else f"{name} is {_short(value)}; allowed: {allowed}"
+        super().__init__(unknown(name, value, self.known) or says)
 
-    def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str, tuple[str, ...]]]:
-        return type(self), (self.name, self.value, self.allowed, self.known)
+    def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str, tuple[str, ...], str]]:
+        return type(self), (self.name, self.value, self.allowed, self.known, self.why)
 
 
 class ProtocolError(HapnetError):

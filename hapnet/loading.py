@@ -71,7 +71,10 @@ def load(parameter: str, name: str, allowed: str, known: Iterable[str] = ()) -> 
             raise InvalidParameter(f"{module}: {parameter}", attribute, allowed, names) from error
         raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
     except BaseException as error:  # see `failure`
-        raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})") from error
+        why = ""
+        if isinstance(error, ModuleNotFoundError) and error.name and f"{module}.".startswith(f"{error.name}."):
+            why = f"cannot import module {module!r} (is {module.replace('.', '/')}.py in this directory?)"
+        raise InvalidParameter(parameter, name, f"{allowed} ({failure(error)})", why=why) from error
 
 
 Permits = Callable[[str, str], None]

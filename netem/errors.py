@@ -16,9 +16,10 @@ def unknown(what: str, value: object, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches  # only an error needs it
 
-    names = list(known)
-    ends = [name for name in names if name.rpartition(".")[2] == value][:3]  # stiffness: device.stiffness
-    *before, last = ends or get_close_matches(str(value), names, n=3, cutoff=0.7) or ("",)
+    names = {name.lower(): name for name in known}
+    typed = str(value).lower()
+    ends = [name for name in names if name.rpartition(".")[2] == typed][:3]  # stiffness: device.stiffness
+    *before, last = [names[name] for name in ends or get_close_matches(typed, names, n=3, cutoff=0.7)] or ("",)
     where, colon, what = what.rpartition(": ")
     meant = f"{', '.join(before)} or {last}" if before else last
     return f"{where}{colon}unknown {what} {value!r}; did you mean {meant}?" if last else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from inspect import signature
 from typing import Any
 
 from hapnet import checks
@@ -26,13 +27,31 @@ def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
 
     Its options are already bound. parameter : the parameter that names the device.
 
-    Raises InvalidParameter: there is no such class, or no such option.
+    Raises InvalidParameter: there is no such class, or no such option; or the class lacks a method, or takes no `dof`.
     """
     target, words = resolve(name)
     found = load(parameter, target, allowed(), ("simulated", *ARMS, *known()))
     if not callable(found):
         raise InvalidParameter(parameter, name, allowed())
-    return partial(found, **options(name, found, words)) if words else found
+    made: Callable[..., Any] = partial(found, **options(name, found, words)) if words else found
+    if why := _unusable(found, made):
+        raise InvalidParameter(parameter, name, allowed(), why=why)
+    return made
+
+
+def _unusable(found: Callable[..., Any], made: Callable[..., Any]) -> str:
+    """The reason why a class cannot be a device, as far as that is known before it is made; empty: none."""
+    if isinstance(found, type) and not hasattr(found, "__getattr__"):
+        lacks = [method for method in ("read", "apply") if not callable(getattr(found, method, None))]
+        if lacks:
+            return f"the class {found.__name__} has no method {' and no method '.join(lacks)}"
+    try:
+        signature(made).bind(dof=1)
+    except TypeError as error:
+        return f"it cannot be made with dof=1: {error}"
+    except ValueError:  # of a class in C
+        pass
+    return ""
 
 
 def servo_rate(hardware: str, wanted_hz: float) -> float:

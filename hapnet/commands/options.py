@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from hapnet.commands import flags, output
-from hapnet.errors import InvalidParameter, OutputError
+from hapnet.errors import HapnetError, InvalidParameter, OutputError
 from hapnet.param_sources import FLAG
 from hapnet.params import Params
+from netem.errors import NetemError
 from netem.groups import Without
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
@@ -86,11 +88,17 @@ class LinkOptions:
     def over(self, params: Params) -> Params:
         """`params` with the link that these flags describe.
 
-        Raises InvalidParameter, netem.NetemError: the text is not tc-netem's syntax, or its parts do not go together.
+        Raises HapnetError: the text is not tc-netem's syntax, or its parts do not go together.
         """
         both = self._both
         changes = {}
-        for name, given, now in (("up", self.uplink, params.link.up), ("down", self.downlink, params.link.down)):
+        for name, flag, given, now in (
+            ("up", "--uplink", self.uplink, params.link.up),
+            ("down", "--downlink", self.downlink, params.link.down),
+        ):
+            if given is not None:
+                with _from(flag):
+                    LinkProfile.named(given)
             if given is not None or both:
                 changes[f"link.{name}"] = self._direction(now) if given is None else given
         for name, given in (("up", self.up_timeline), ("down", self.down_timeline)):
@@ -98,7 +106,8 @@ class LinkOptions:
             if text is not None:
                 from netem import Timeline  # imported here, as it imports numpy, which --help must not do
 
-                changes[f"link.{name}_timeline"] = str(Timeline.read(text))
+                with _from("--timeline" if given is None else f"--{name}-timeline"):
+                    changes[f"link.{name}_timeline"] = str(Timeline.read(text))
         return params.set(changes, FLAG)
 
     def for_all_of(self, params: Params) -> Params:
@@ -117,12 +126,35 @@ class LinkOptions:
         words, name = self.link, self.profile
         if words is not None and name is None and ALIASES.get(words, words) in PRESETS:
             words, name = None, words  # a profile that one property may be set on top of
+        with _from("--profile" if self.link is None else "--link"):
+            compose(words, name)
+        for effect, given in self._effects.items():
+            with _from(f"--{effect}"):
+                compose(words, name, **{effect: given}, base=LinkProfile.named(default))
         return str(compose(words, name, **self._effects, base=LinkProfile.named(default)))
 
     @property
     def _effects(self) -> dict[str, str | None]:
         """The flags that set one property, by their names."""
         return {name: getattr(self, name) for name in ("delay", "jitter", "loss", "resend", "reorder", "rate")}
+
+
+def _loaded(base: Params, file: Path) -> Params:
+    """`base` changed by a file; its errors name the file."""
+    try:
+        return base.load(file)
+    except InvalidParameter as error:
+        raise error if error.name == "--params" else HapnetError(f"{file}: {error}") from None
+
+
+@contextmanager
+def _from(flag: str) -> Iterator[None]:
+    """A context whose errors name the flag that gave the text."""
+    try:
+        yield
+    except NetemError as error:
+        word, _, rest = str(error).partition(": ")
+        raise HapnetError(f"{flag}: {rest if word in (flag.rpartition('-')[2], 'profile') else error}") from None
 
 
 OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "down_timeline")]
@@ -143,9 +175,9 @@ class ParamsOptions:
 
         Each overrides the sources before it.
 
-        Raises InvalidParameter, netem.NetemError: one line that names the value and what is allowed.
+        Raises HapnetError, netem.NetemError: one line that names the value and what is allowed.
         """
-        params = base if self.params_file is None else base.load(self.params_file)
+        params = base if self.params_file is None else _loaded(base, self.params_file)
         params = params.set({name: value for name, value in (named or {}).items() if value is not None}, FLAG)
         if links is not None:
             params = links.over(params)

@@ -189,15 +189,15 @@ def run_directory(out: Path | None, which: int | str | None) -> Path:
     Raises MissingLibrary: the extra for recordings and figures is not installed. HapnetError: it cannot be created.
     """
     require("report", "writing recordings and figures")
-    path = default_directory(out, which)
+    path, by = default_directory(out, which), "" if out is None else "--out: "
     new = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
         _made.extend(new)
     except FileExistsError:
-        raise HapnetError(f"cannot write to {path}: it is a file, but --out must name a directory") from None
+        raise HapnetError(f"{by}cannot write to {path}: it is a file, not a directory") from None
     except OSError as error:
-        raise HapnetError(f"cannot write to {path}: {error.strerror or error}") from None
+        raise HapnetError(f"{by}cannot write to {path}: {error.strerror or error}") from None
     return path
 
 

@@ -37,9 +37,8 @@ def run(
     log_to: flags.Log = None,
     realtime: flags.Realtime = False,
 ) -> int:
-    """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction.
-
-    Writes two recordings, a report, its figure and a summary.
+    """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction. Writes two
+    recordings, a report, its figure and a summary.
     """
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
@@ -74,7 +73,8 @@ def run(
             target = os.dup(sys.stdout.fileno()) if log_to == "-" else Path(name)
             log = open(target, "ab" if log_to else "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
-            raise HapnetError(f"cannot write to {name}: {error.strerror or error}") from None
+            by = "--log: " if log_to else ""
+            raise HapnetError(f"{by}cannot write to {name}: {error.strerror or error}") from None
         output.show_warnings(words, setup.warnings)
         written = output.Written()
         caught: list[signal.Signals] = []

@@ -32,6 +32,7 @@ from hapnet.side.notices import Notice
 from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.verdict import incomplete
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
+from hapnet.transport.diagnosis import check_hosts
 from hapnet.transport.refusals import Refusals, watched
 from hapnet.wire.messages import Role
 
@@ -55,10 +56,14 @@ PARENT_EVERY_S = 0.2
 
 
 def zenoh_settings(options: ZenohOptions) -> ZenohSettings:
-    """Zenoh's settings from the flags. Without an endpoint or a file, a side looks for the other on this machine."""
+    """Zenoh's settings from the flags. Without an endpoint or a file, a side looks for the other on this machine.
+
+    Raises InvalidParameter: there is no such mode, or an endpoint is malformed or has a host without an address.
+    """
     alone = not options.connect and not options.listen and options.config is None
     if options.mode is not None:
         checks.one_of("mode", options.mode, get_args(Mode))
+    check_hosts(options.connect or ())
     return ZenohSettings(
         mode=cast(Mode | None, options.mode),
         connect=tuple(options.connect or ()),

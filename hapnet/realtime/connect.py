@@ -255,7 +255,7 @@ class _Call:
         except InvalidParameter as error:
             if self.device is None or error.name not in ("hardware", "follower.robot"):
                 raise
-            raise InvalidParameter("device", self.device, error.allowed, error.known) from error
+            raise InvalidParameter("device", self.device, error.allowed, error.known, error.why) from error
 
     def _made(
         self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]

@@ -94,7 +94,7 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
         if isinstance(given, str):
             raise InvalidParameter(name, given, f"a tuple of endpoints: ({given!r},)")
         for endpoint in endpoints:
-            _check_endpoint(name, endpoint)
+            check_endpoint(name, endpoint)
     settings.security.check()
     plain = zenoh.Config()
     try:
@@ -238,7 +238,7 @@ def _scouts(config: zenoh.Config) -> bool:
     return bool(config.get_json("scouting/multicast/enabled") == "true")
 
 
-def _check_endpoint(name: str, value: str) -> None:
+def check_endpoint(name: str, value: str) -> None:
     match = _ENDPOINT.fullmatch(value)
     if match is None or int(match["port"] or 0) > 65535:
         allowed = f"PROTOCOL/ADDRESS:PORT, such as tcp/127.0.0.1:17447, the protocol {_PROTOCOLS}"

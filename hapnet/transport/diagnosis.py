@@ -11,12 +11,13 @@ import json
 import socket
 import ssl
 import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import zenoh
 
-from hapnet.errors import HapnetError
-from hapnet.transport.config import ZenohSettings, endpoints_of, zenoh_config
+from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.transport.config import ZenohSettings, check_endpoint, endpoints_of, zenoh_config
 from hapnet.transport.security import UNTIMELY, host_and_port
 
 REFUSAL_S = 0.5
@@ -28,6 +29,12 @@ UNANSWERED_NS = 3_000_000_000
 ASK_EVERY_NS = 10_000_000_000
 PROBE_S = 2.0
 """The approximate total time of the probes of one diagnosis [s]."""
+
+LOOK_UP_S = 2.0
+"""The longest wait for a host's address before the first connection [s]."""
+
+_NO_HOST = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}
+"""The resolver's codes for a name that has no address; others, such as EAI_AGAIN, are for now."""
 
 _WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
 _NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another issuer of the same name, or a self-signed certificate
@@ -114,6 +121,34 @@ class ConnectionDiagnosis:
             self._answer = why_unanswered(self._settings, PROBE_S) or ""
 
 
+def check_hosts(endpoints: Iterable[str]) -> None:
+    """Look up the hosts to dial. A look-up that fails for now, or takes long, is left to the connection's retries.
+
+    Raises InvalidParameter: an endpoint is malformed, or its host has no address.
+    """
+    for endpoint in endpoints:
+        check_endpoint("connect", endpoint)
+        protocol, _, address = endpoint.partition("/")
+        if protocol == "unixsock-stream":
+            continue
+        host, _ = host_and_port(address)
+        failed: list[socket.gaierror] = []
+        thread = threading.Thread(target=_look_up, args=(host, failed), name="look-up", daemon=True)
+        thread.start()
+        thread.join(LOOK_UP_S)
+        if failed and failed[0].errno in _NO_HOST:
+            raise InvalidParameter("connect", endpoint, "", why=f"no such host: {host} ({failed[0].strerror})")
+
+
+def _look_up(host: str, failed: list[socket.gaierror]) -> None:
+    try:
+        socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except socket.gaierror as error:
+        failed.append(error)
+    except UnicodeError:  # a name that no host can have, as a..b
+        failed.append(socket.gaierror(socket.EAI_NONAME, "not a host's name"))
+
+
 def probe(endpoint: str, trust: Trust, timeout_s: float) -> str | None:
     """Connect to a tls/ or tcp/ endpoint, with a handshake for tls/; returns why that fails, or None.
 
@@ -128,7 +163,8 @@ def probe(endpoint: str, trust: Trust, timeout_s: float) -> str | None:
     except ConnectionRefusedError:
         return "no program listens there"
     except socket.gaierror as error:
-        return f"no such host ({error.strerror})"
+        no_host = error.errno in _NO_HOST
+        return f"{'no such host' if no_host else f'the host {host} cannot be looked up now'} ({error.strerror})"
     except TimeoutError:
         return f"no answer within {timeout_s:g} s: a wrong address, or a firewall"
     except OSError as error:

@@ -1,6 +1,7 @@
 """Devices from outside: whatever their code does ends as one line that names them."""
 
 import math
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -104,13 +105,13 @@ class Simulated(SimulatedDevice):
         ("Nothing", "gave None instead of position and velocity"),
         ("Limitless", "force_limit is -1"),
         ("OtherAxes", "3 degrees of freedom"),
-        ("Path", "dof"),
+        ("Path", "the class Path has no method read"),
     ],
 )
 def test_a_device_that_cannot_be_is_named_with_the_cause(name: str, says: str) -> None:
     with pytest.raises(InvalidParameter) as caught:
         UserDevice(f"tests.assembly.test_user_device:{name}", 3)
-    assert str(caught.value).startswith(f"hardware is 'tests.assembly.test_user_device:{name}'")
+    assert re.match(rf"hardware (is ')?tests.assembly.test_user_device:{name}\b", str(caught.value))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 

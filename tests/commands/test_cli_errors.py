@@ -32,7 +32,7 @@ def test_a_file_where_a_directory_is_wanted(capsys: Capture, tmp_path: Path) -> 
     file = tmp_path / "letter"
     file.touch()
     assert cli.main(["simulate", "--duration", "0.1", "--out", str(file)]) == 2
-    assert capsys.readouterr().err == f"hapnet: cannot write to {file}: it is a file, but --out must name a directory\n"
+    assert capsys.readouterr().err == f"hapnet: --out: cannot write to {file}: it is a file, not a directory\n"
 
 
 def test_completion_that_cannot_be_installed(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
@@ -55,10 +55,10 @@ BAD = [
     bad("reproduce", says=("figure",)),
     bad("report", says=("FILE",)),
     bad("run", "--duration", "soon", says=("--duration", "number")),
-    bad("run", "--duration", "-1", says=("duration_s", "-1", "0 to 1e+09")),
-    bad("simulate", "--duration", "0", says=("duration_s", "above 0")),
+    bad("run", "--duration", "-1", says=("--duration", "-1", "0 to 1e+09")),
+    bad("simulate", "--duration", "0", says=("--duration", "above 0")),
     bad(*QUICK, "--downlink", "loss 100%", says=("did not find each other", "loss 100%")),
-    bad("run", "--duration", "nan", says=("duration_s", "nan")),
+    bad("run", "--duration", "nan", says=("--duration", "nan")),
     bad("run", "--seed", "-1", says=("--seed", "0")),
     bad("run", "--seed", "1.5", says=("--seed",)),
     bad("run", "--profile", "nosuch", says=("nosuch", "lossy-wifi")),
@@ -69,8 +69,8 @@ BAD = [
     bad("run", "--downlink", "loss 200%", says=("200%", "100%")),
     bad("run", "--timeline", "at 3s down", says=("timeline", "at 3s down")),
     bad("run", "--set", "link.up_timeline=at 3s: sideways", says=("sideways",)),
-    bad("device", "-e", ADDRESS, "--on-silence", "panic", says=("on_silence", "panic", "hold, release")),
-    bad("world", "-l", ADDRESS, "--silence-after", "0", says=("silence_after_s", "above 0")),
+    bad("device", "-e", ADDRESS, "--on-silence", "panic", says=("--on-silence", "panic", "hold, release")),
+    bad("world", "-l", ADDRESS, "--silence-after", "0", says=("--silence-after", "above 0")),
     bad("device", "-e", ADDRESS, "--log", "/proc/no/log", says=("/proc/no/log",)),
     bad("device", "-e", ADDRESS, "--log", "-", "--json", "-", says=("--log", "--json has standard output")),
     bad("run", "--delay", "40", says=("40", "ms")),
@@ -91,13 +91,13 @@ BAD = [
     bad("run", "--scene", "free", "--dof", "2", "--set", "world.stiffness=[[1,2],[2,1]]", says=("positive definite",)),
     bad("run", "--set", "world.mass=-1", says=("world.mass", "-1")),
     bad("simulate", "--set", "hardware=mymodule:Arm", says=("hardware", "mymodule:Arm", "virtual time")),
-    bad("simulate", "--device", "omni:x=1", says=("hardware", "omni:x=1", "omni?axes=joints")),
+    bad("simulate", "--device", "omni:x=1", says=("--device", "omni:x=1", "omni?axes=joints")),
     bad("simulate", "--device", "omni", "--dof", "2", says=("dof", "2", "3")),
-    bad("run", "--device", "omni", "--servo", "continuous", says=("device.servo", "continuous", "sampled")),
+    bad("run", "--device", "omni", "--servo", "continuous", says=("--servo", "continuous", "sampled")),
     bad("run", "--device", "omni", "--set", "device.mass=0.1", says=("device.mass", "0.1", "links")),
-    bad("run", "--device", "no_such_module:Arm", says=("hardware", "no_such_module:Arm", "ModuleNotFoundError")),
+    bad("run", "--device", "no_such_module:Arm", says=("--device", "no_such_module:Arm", "is no_such_module.py in")),
     bad(
-        "run", "--follower", "no_such_module:Arm", says=("follower.robot", "no_such_module:Arm", "ModuleNotFoundError")
+        "run", "--follower", "no_such_module:Arm", says=("--follower", "no_such_module:Arm", "is no_such_module.py in")
     ),
     bad("run", "--params", "nosuch.toml", says=("nosuch.toml",)),
     bad("run", "--json", "no/such/dir.json", says=("no/such/dir.json", "directory")),
@@ -179,35 +179,36 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
     ("argv", "says"),
     [
         ("simulte", "unknown command 'simulte'; did you mean simulate or emulate?"),
-        ("run --scene wal", "unknown scene 'wal'; did you mean wall?"),
-        ("simulate --scene shpere", "unknown scene 'shpere'; did you mean sphere?"),
-        ("simulate --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
-        ("transparency --coupling psmp", "unknown coupling 'psmp'; did you mean pspm?"),
-        ("simulate --operator pres", "unknown operator 'pres'; did you mean press or rest?"),
-        ("simulate --rendering papr", "unknown rendering 'papr'; did you mean paper?"),
-        ("run --device seriall", "unknown hardware 'seriall'; did you mean serial?"),
-        ("run --device serial:prot=x", "hardware serial:prot=x: unknown option 'prot'; did you mean port?"),
-        ("simulate --profile 4gg", "unknown profile '4gg'; did you mean 4g?"),
-        ("simulate --link wify", "unknown profile 'wify'; did you mean wifi?"),
-        ("simulate --link rtae", "unknown profile 'rtae'; did you mean rate?"),
+        ("run --scene wal", "unknown --scene 'wal'; did you mean wall?"),
+        ("simulate --scene shpere", "unknown --scene 'shpere'; did you mean sphere?"),
+        ("simulate --coupling psmp", "unknown --coupling 'psmp'; did you mean pspm?"),
+        ("transparency --coupling psmp", "unknown --coupling 'psmp'; did you mean pspm?"),
+        ("simulate --operator pres", "unknown --operator 'pres'; did you mean press or rest?"),
+        ("simulate --rendering papr", "unknown --rendering 'papr'; did you mean paper?"),
+        ("run --device seriall", "unknown --device 'seriall'; did you mean serial?"),
+        ("run --device serial:prot=x", "--device serial:prot=x: unknown option 'prot'; did you mean port?"),
+        ("simulate --profile 4gg", "--profile: unknown profile '4gg'; did you mean 4g?"),
+        ("simulate --link wify", "--link: unknown profile 'wify'; did you mean wifi?"),
+        ("simulate --link rtae", "--link: unknown profile 'rtae'; did you mean rate?"),
         ("compare --link lossy-wfi", "unknown --link 'lossy-wfi'; did you mean lossy-wifi?"),
         ("compare --bench tap", "unknown --bench 'tap'; did you mean taps?"),
         ("bench --only device_tik", "unknown --only 'device_tik'; did you mean device_tick?"),
         (
             "simulate --scene sphere?radis=20mm",
-            "scene sphere?radis=20mm: unknown property 'radis'; did you mean radius?",
+            "--scene sphere?radis=20mm: unknown property 'radis'; did you mean radius?",
         ),
         ("emulate seral:link=/tmp/a", "unknown device 'seral'; did you mean serial?"),
         (
             "simulate --scene examples.own_world:coridor",
-            "examples.own_world: unknown scene 'coridor'; did you mean corridor?",
+            "examples.own_world: unknown --scene 'coridor'; did you mean corridor?",
         ),
         (
             "simulate --set stiffness=300",
-            "unknown parameter 'stiffness'; did you mean device.stiffness, operator_hand.stiffness or world.stiffness?",
+            "--set: unknown parameter 'stiffness'; did you mean device.stiffness, operator_hand.stiffness or "
+            "world.stiffness?",
         ),
-        ("simulate --set renderin=paper", "unknown parameter 'renderin'; did you mean rendering?"),
-        ("device --mode pear", "unknown mode 'pear'; did you mean peer?"),
+        ("simulate --set renderin=paper", "--set: unknown parameter 'renderin'; did you mean rendering?"),
+        ("device --mode pear", "unknown --mode 'pear'; did you mean peer?"),
     ],
 )
 def test_what_may_be_meant_is_suggested(argv: str, says: str, capsys: Capture) -> None:

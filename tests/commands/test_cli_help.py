@@ -49,6 +49,47 @@ def test_every_command_explains_itself(command: str, flag: str, capsys: Capture)
     assert not err
 
 
+def test_eight_commands_are_in_front(capsys: Capture) -> None:
+    assert cli.main(["--help"]) == 0
+    front, _, rest = capsys.readouterr().out.partition("\nResearch:\n")
+    listed = [line.split()[0] for line in front.partition("\nCommands:\n")[2].splitlines() if line]
+    assert listed == ["run", "play", "device", "world", "simulate", "report", "devices", "doctor"]
+    assert all(f"\n  {name} " in f"\n{rest}" for name in cli.COMMANDS.keys() - set(listed))
+
+
+HELPS = [[name] for name in sorted(cli.COMMANDS.keys() - {"sweep"})] + [["sweep", "run"], ["sweep", "plot"], []]
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+@pytest.mark.parametrize("flag", ["--help", "--help-all"])
+@pytest.mark.parametrize("command", HELPS, ids=" ".join)
+def test_help_fits_its_terminal(
+    command: list[str], flag: str, columns: int, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No line is wider, but for one word that is; below 60 columns a text is no narrower than 30."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert cli.main([*command, flag]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for line in lines:
+        assert len(line) <= columns or len(line.split()) <= (2 if line.startswith("  -") else 1) or "Usage:" in line
+        assert len(line) - len(line.lstrip()) <= columns - 30
+    if flag == "--help" and columns == 80:
+        assert len(lines) <= 50
+
+
+def test_help_all_has_every_flag(capsys: Capture) -> None:
+    assert cli.main(["run", "--help"]) == 0
+    short = capsys.readouterr().out
+    assert cli.main(["run", "--help-all"]) == 0
+    whole = capsys.readouterr().out
+    hidden = {"--profile", "--files"}  # the latter before a slash
+    flags = {name for option in cli._command("run").params for name in (*option.opts, *option.secondary_opts)} - hidden
+    assert {flag for flag in flags if f"{flag} " in whole or f"{flag}," in whole or f"{flag}\n" in whole} == flags
+    assert "\n`hapnet run --help-all` lists 16 more flags" in short
+    assert "--help-all" not in whole
+    assert "--on-silence" not in short
+
+
 def test_no_arguments_are_a_question_for_help(capsys: Capture) -> None:
     assert cli.main([]) == 0
     out, err = capsys.readouterr()
@@ -85,7 +126,7 @@ def test_the_list_of_commands_needs_none_of_them(argv: list[str]) -> None:
     ours = {"hapnet", "hapnet.__main__", "hapnet.cli", "hapnet.commands", "hapnet.errors"}
     ours |= {f"hapnet.commands.{name}" for name in ("output", "progress")}
     ours |= {f"hapnet.{name}" for name in ("loading", "installing")}
-    theirs = {"netem", "netem.errors", "netem.version_flag", "netem.versions"}
+    theirs = {"netem", "netem.command_help", "netem.errors", "netem.version_flag", "netem.versions"}
     assert ours <= found <= ours | theirs
 
 
@@ -132,9 +173,10 @@ def test_the_pages_example_is_a_command_once_its_package_is_installed(tmp_path: 
         return done.stderr if code else done.stdout
 
     listed = hapnet("--help")
-    assert listed.index("thousands of cases") < listed.index("greet ") < listed.index("Greets.")
-    assert "Run both processes" in listed  # a package cannot replace hapnet's own
-    assert "Run both processes" in hapnet("run", "--help")
+    assert listed.index("thousands of cases") < listed.index("Of other packages:") < listed.index("greet ")
+    assert listed.index("greet ") < listed.index("Greets.")
+    assert "Run both sides" in listed  # a package cannot replace hapnet's own
+    assert "Run both sides" in hapnet("run", "--help")
     assert "Somebody's name." in hapnet("greet", "--help")
     assert hapnet("greet", "Ada", "--scene", "box") == "hello Ada in box\n"
     assert json.loads(hapnet("greet", "Ada", "--json", "-")) == {"length": 3}

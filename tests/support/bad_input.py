@@ -270,8 +270,8 @@ WORLDS = [
     bad(*QUICK, "--params", "bytes.toml", says="bytes.toml|TOML"),
     bad(*QUICK, "--set", "world.step_min_s=1", says="world.step_min_s|world.step_max_s"),
     bad(*QUICK, "--set", "device.stiffness=1e999", says="device.stiffness|finite"),
-    bad(*QUICK, "--servo-hz", "1e9", says="device.servo_hz|20000"),
-    bad(*QUICK, "--deadband", "2", says="wire.deadband|0 to 1"),
+    bad(*QUICK, "--servo-hz", "1e9", says="--servo-hz|20000"),
+    bad(*QUICK, "--deadband", "2", says="--deadband|0 to 1"),
 ]
 
 LINKS = [

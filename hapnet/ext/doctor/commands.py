@@ -37,7 +37,7 @@ def doctor(
     ] = 0.0,
     json_to: flags.Json = None,
 ) -> int:
-    """Check this machine. With -e, also check whether Zenoh answers there, and measure the network: a side that
+    """With -e, also check whether Zenoh answers there, and measure the network: a side that
     listens there answers probes. With --device, measure that device instead: rate, latency, noise and resolution;
     --ramp and --damping use a force.
     """
@@ -46,7 +46,9 @@ def doctor(
     if force := ramp or damping:
         raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
     from hapnet.ext.doctor.machine import examine
+    from hapnet.transport.diagnosis import check_hosts
 
+    check_hosts(zenoh.connect or ())
     return _show(examine(zenoh.connect or [], zenoh.security, session, name), json_to)
 
 

@@ -38,7 +38,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         if error.name not in ("hardware", "device.servo_hz"):
             raise
         name = "follower.robot" if error.name == "hardware" else "follower.servo_hz"
-        raise InvalidParameter(name, robot.robot, error.allowed, error.known) from error
+        raise InvalidParameter(name, robot.robot, error.allowed, error.known, error.why) from error
     with closed_if_refused(device):
         return _following(device, servo, setup, endpoint, clock, write)
 

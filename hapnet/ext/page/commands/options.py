@@ -8,9 +8,12 @@ from typing import Annotated
 import typer
 
 Host = Annotated[
-    str, typer.Option(help="Serve the page on this address; 0.0.0.0: others can open it too, and press every button.")
+    str,
+    typer.Option(
+        metavar="ADDRESS", help="Serve the page here.\n\nWith 0.0.0.0 others can open it too, and press every button."
+    ),
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Serve the page on this port, or on the next free one.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="Port of the page, or the next free one.")]
 Browser = Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")]
 
 

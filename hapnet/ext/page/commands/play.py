@@ -35,7 +35,9 @@ def play(
     page: PageOptions,
 ) -> int:
     """Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
-    PSPM. Each coupling is a new pair with its own verdict; --json writes the summary of the last pair. The page
+    PSPM.
+
+    Each coupling is a new pair with its own verdict; --json writes the summary of the last pair. The page
     shows the parts of the force, and can also pause, restart and record. The hand is relaxed unless
     `operator_hand` is set.
 

@@ -19,6 +19,7 @@ from hapnet.ext.study.commands import flags as own
 from hapnet.ext.study.sections import FULL, QUICK
 from hapnet.installing import require
 from hapnet.params import Params
+from netem.command_help import MORE
 from netem.groups import Without
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from hapnet.ext.study.spec import Case as SpecCase
 
 _LINKS = "What is compared"
+_MORE = f"Options{MORE}"
 
 PAGE = "compare.md"
 """The tables of a comparison as Markdown; the directory above the sections has the tables of all sections."""
@@ -44,8 +46,9 @@ class CompareOptions:
     bench: Annotated[
         str,
         typer.Option(
-            metavar="quick|full|SECTION[,SECTION]",
-            help=f"quick: {QUICK.about}. full: {', '.join(FULL)}; or some of these sections. Couplings, links, "
+            metavar="NAME",
+            help="quick, full, or sections of full."
+            f"\n\nquick: {QUICK.about}. full: {', '.join(FULL)}; or some of these sections. Couplings, links, "
             "operators, seeds and parameters that you give apply to all of them.",
             rich_help_panel=_LINKS,
             autocompletion=complete.words("quick", "full", *FULL),
@@ -54,9 +57,10 @@ class CompareOptions:
     coupling: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME[:PARAM=VALUE...]",
-            help="A coupling to compare, parameters of its own after colons; repeat it, or separate by commas: "
-            "pspm,pspm:rendering=paper,zoh. Default: all (--bench full: see --dry-run).",
+            metavar="NAME",
+            help="Couplings, such as pspm,zoh; by default all."
+            "\n\nParameters of its own after colons; repeat it, or separate by commas: pspm,pspm:rendering=paper,zoh. "
+            "Default of --bench full: see --dry-run.",
             rich_help_panel=_LINKS,
             autocompletion=complete.couplings,
         ),
@@ -64,8 +68,9 @@ class CompareOptions:
     link: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME[=WORDS[|WORDS]]",
-            help="A profile, or a name and tc-netem's syntax (up|down if they differ); may be repeated. "
+            metavar="NAME[=TEXT]",
+            help="A profile, or a name and tc-netem's syntax; may be repeated."
+            "\n\nTEXT is up|down if they differ. "
             f"Default: {', '.join(QUICK.links)}.",
             rich_help_panel=_LINKS,
             autocompletion=complete.profiles,
@@ -76,14 +81,15 @@ class CompareOptions:
         typer.Option(
             metavar="[NAME=]PATH",
             help="A further link: the delivery opportunities (mahimahi's format) in PATH.up and PATH.down.",
-            rich_help_panel=_LINKS,
+            rich_help_panel=_LINKS + MORE,
         ),
     ] = None
     operator: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME[@light][:PARAM=VALUE...]",
-            help="rest, sine, press, hand-N (generated) or a recording's path; may be repeated. @light: relaxed. "
+            metavar="NAME|FILE",
+            help="Operators: rest, sine, press, hand-1, recordings."
+            "\n\nMay be repeated. NAME@light: relaxed. hand-N is generated. "
             f"Parameters of its own after colons. Default: {QUICK.operators[0]}; without any list, all of "
             f"{', '.join(QUICK.operators)}.",
             rich_help_panel=_LINKS,
@@ -99,16 +105,17 @@ class CompareOptions:
         typer.Option(
             metavar="W[,W]",
             help="Perceptual deadbands, as Weber fractions, each tried with each coupling. 0: none.",
-            rich_help_panel=_LINKS,
+            rich_help_panel=_LINKS + MORE,
             show_default="0; without any list the first coupling with 0.1 too",
         ),
     ] = None
-    workers: Annotated[int, typer.Option(min=0, help="Number of processes; 0: one per core.")] = 0
+    workers: Annotated[int, typer.Option(metavar="N", min=0, help="Number of processes; 0: one per core.")] = 0
     case: Annotated[
         str | None,
         typer.Option(
             metavar="LINK[,OPERATOR[,SEED]]",
             help="Draw the traces of this case.",
+            rich_help_panel=_MORE,
             show_default="the slowest link, the last operator, the first seed",
         ),
     ] = None
@@ -116,7 +123,8 @@ class CompareOptions:
         bool,
         typer.Option(
             "--files/--no-files",
-            help="Write compare.json, compare.csv (medians and intervals), compare.md, figures and a journal.",
+            help="Write output files, or none."
+            "\n\nThey are compare.json, compare.csv (medians and intervals), compare.md, figures and a journal.",
         ),
     ] = True
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (

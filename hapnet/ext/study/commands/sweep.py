@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from hapnet.commands import complete, flags, output
+from hapnet.commands.typed import Command
 from hapnet.ext.study.commands import flags as own
 from hapnet.ext.study.spec import SEED, Case, Spec, in_file, value_words
 from hapnet.params import Params
+from netem.command_help import PlainGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +24,7 @@ RUN = "run"
 _SHOWN = 3  # cases that --dry-run shows at each end of the list
 
 
-class RunByDefault(TyperGroup):
+class RunByDefault(PlainGroup):
     """`hapnet sweep SPEC.toml` is `hapnet sweep run SPEC.toml`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -47,6 +48,7 @@ app: typer.Typer = typer.Typer(cls=RunByDefault, add_completion=False)
 
 @app.command(
     RUN,
+    cls=Command,
     short_help="Run every case that a spec describes; `hapnet sweep SPEC.toml` is enough.",
     epilog="`hapnet sweep SPEC.toml` does the same. `hapnet sweep plot DIRECTORY` draws the results.",
 )
@@ -123,7 +125,7 @@ def run(
         return written.code(INCOMPLETE if failed else 0)
 
 
-@app.command(short_help="Draw the results of a sweep as a heat map.")
+@app.command(cls=Command, short_help="Draw the results of a sweep as a heat map.")
 def plot(
     directory: Annotated[Path, typer.Argument(metavar="DIRECTORY", help="The directory of a sweep.")],
     x: Annotated[
