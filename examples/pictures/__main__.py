@@ -1,6 +1,6 @@
 """Makes the pictures of README and the pages and writes them into examples/.
 
-python -m examples.pictures                                 # all of them, in some minutes
+python -m examples.pictures                                 # all of them, in an hour
 python -m examples.pictures run.png mesh.png                # these
 python -m examples.pictures --list                          # the pictures, with their commands
 """
@@ -8,11 +8,13 @@ python -m examples.pictures --list                          # the pictures, with
 from __future__ import annotations
 
 import argparse
+import hashlib
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,15 +22,12 @@ ROOT = Path(__file__).resolve().parents[2]
 LINK = "--delay 40ms --jitter 10ms --loss 2%"
 SHOWN = "pspm,zoh,popc,eba,tdpa,wave,digital-wave,pd"
 COMPARED = f"--coupling {SHOWN} --set device.stiffness=100 --deadband 0 --case 4g,hand-21,0"
-LINKS = "--link lan --link 4g --link intercontinental"
+DIFFERENT = "--coupling pspm,zoh,popc:rendering=hapnet,eba:rendering=hapnet,pd:rendering=hapnet --deadband 0"
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """Commands of hapnet or programs of this folder that write into DIR, and the file in DIR for each picture.
-
-    {data} in a command is the directory with the recorded inputs, which are not part of this repository.
-    """
+    """Commands of hapnet or programs of this folder that write into DIR, and the file in DIR for each picture."""
 
     commands: tuple[str, ...]
     pictures: dict[str, str]
@@ -72,52 +71,69 @@ RECIPES = (
     scene("planet.png", "--scene examples.planet:planet --operator hand-6 --duration 12 --seed 1"),
     Recipe(("hapnet transparency --link 4g --out DIR",), {"transparency.png": "transparency.png"}),
     Recipe(("hapnet tune examples/tune/pspm.toml --out DIR",), {"tune.png": "tune.png"}),
-    Recipe(
-        (f"hapnet compare --bench hands {LINKS} {COMPARED} --out DIR",),
-        {"compare.png": "hands/tradeoff.png", "traces.png": "hands/traces.png"},
-    ),
-)
+    Recipe((f"hapnet compare --bench hands --link 4g --operator hand-21 {COMPARED} --out DIR",),
+           {"traces.png": "hands/traces.png"}),
+    Recipe((f"hapnet compare --bench hands --link 4g {DIFFERENT} --set device.stiffness=100 "
+            "--set scene=examples.pictures.lying:liar --out DIR/lying",
+            f"hapnet compare --bench moves --link 4g {DIFFERENT} --set device.stiffness=700 --out DIR/moving",
+            "examples.pictures.compare --table DIR --out DIR"), {"compared.csv": "compared.csv"}),
+    Recipe(("examples.pictures.compare --out DIR",), {"compare.png": "compare.png"}),
+)  # fmt: skip
 FILM = "play.gif"
 
 
-def make(recipe: Recipe, data: Path) -> None:
-    """Run the commands in a temporary directory and copy the pictures."""
+SUMS = ROOT / "examples" / "pictures" / "SHA256SUMS"
+"""The digest of each file, as `sha256sum` writes it: a picture that was changed by hand has another."""
+
+
+def make(recipe: Recipe, directory: Path) -> None:
+    """Run the commands in a temporary directory and copy the pictures into `directory`."""
     with tempfile.TemporaryDirectory() as there:
         here = Path(there)
         (here / "examples").symlink_to(ROOT / "examples")
         for command in recipe.commands:
-            words = shlex.split(command.format(data=data).replace("DIR", "out"))
+            words = shlex.split(command.replace("DIR", "out"))
             subprocess.run([sys.executable, "-m", *words], cwd=here, check=True, stdout=subprocess.DEVNULL)
         for picture, made in recipe.pictures.items():
-            shutil.copyfile(here / "out" / made, ROOT / "examples" / picture)
-            print(f"examples/{picture}", flush=True)
+            shutil.copyfile(here / "out" / made, directory / picture)
+
+
+def sums(file: Path = SUMS) -> dict[str, str]:
+    """The digests that were written down, by the file's name."""
+    pairs = (line.split("  ") for line in file.read_text("utf-8").splitlines())
+    return {name: digest for digest, name in pairs}
+
+
+def digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def write_down(names: Iterable[str]) -> None:
+    known = sums() | {name: digest(ROOT / "examples" / name) for name in names}
+    SUMS.write_text("".join(f"{known[name]}  {name}\n" for name in sorted(known)), "utf-8")
 
 
 def main() -> None:
-    known = [FILM, *(picture for recipe in RECIPES for picture in recipe.pictures)]
+    known = [*(picture for recipe in RECIPES for picture in recipe.pictures), FILM]
     parser = argparse.ArgumentParser(prog="python -m examples.pictures")
     parser.add_argument("picture", nargs="*", help=f"of {', '.join(known)}; all without any")
-    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="the recorded inputs")
     parser.add_argument("--list", action="store_true", help="print the command of each picture and exit")
     given = parser.parse_args()
     if wrong := set(given.picture) - set(known):
         parser.error(f"no such picture: {', '.join(sorted(wrong))}; there are {', '.join(known)}")
     wanted = set(given.picture or known)
     for recipe in (recipe for recipe in RECIPES if wanted & set(recipe.pictures)):
-        if given.list:
-            print(f"{', '.join(recipe.pictures)}: {'; '.join(recipe.commands)}")
-        elif any("{data}" in command for command in recipe.commands) and not given.data.is_dir():
-            print(f"not made, as the recorded inputs are not in {given.data}: {', '.join(recipe.pictures)}")
-        else:
-            make(recipe, given.data.resolve())
+        print(f"{', '.join(recipe.pictures)}: {'; '.join(recipe.commands)}", flush=True)
+        if not given.list:
+            make(recipe, ROOT / "examples")
+            write_down(recipe.pictures)
     if FILM in wanted:
-        if given.list:
-            print(f"{FILM}: the page of `hapnet play`, in a browser")
-        else:
+        print(f"{FILM}: the page of `hapnet play`, in a browser", flush=True)
+        if not given.list:
             from examples.pictures.film import film  # imported here because it needs a browser
 
             film(ROOT / "examples" / FILM)
-            print(f"examples/{FILM}")
+            write_down([FILM])
 
 
 if __name__ == "__main__":

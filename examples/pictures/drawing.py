@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from hapnet.checks import Array
-from hapnet.ext.pictures.style import MM, STYLE
+from hapnet.ext.pictures.style import MM, STYLE, png
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ def canvas(width_mm: float, height_mm: float) -> Figure:
 
 def saved(figure: Figure, name: str) -> None:
     """Write it into the directory that `--out` names."""
-    figure.savefig(out_directory() / name)
+    (out_directory() / name).write_bytes(png(figure))
 
 
 def image(figure: Figure) -> Image.Image:
@@ -45,7 +45,7 @@ def image(figure: Figure) -> Image.Image:
     return Image.open(file).convert("RGB")
 
 
-def animated(frames: list[Image.Image], name: str, frame_s: float) -> None:
+def animated(frames: list[Image.Image], description: str, name: str, frame_s: float) -> None:
     """Write a moving picture into the directory that `--out` names; its last frame stays for `REST_MS`."""
     sample = Image.new("RGB", (frames[0].width, 3 * frames[0].height))
     for row, share in enumerate((0.25, 0.5, 0.95)):
@@ -53,16 +53,26 @@ def animated(frames: list[Image.Image], name: str, frame_s: float) -> None:
     palette = sample.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     first, *rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in frames]
     lasting = [round(1e3 * frame_s)] * len(rest) + [REST_MS]
-    first.save(out_directory() / name, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False)
+    first.save(
+        out_directory() / name, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False,
+        comment=description.encode(),
+    )  # fmt: skip
 
 
 def out_directory() -> Path:
     """The directory that `--out` names."""
+    out: Path = options().out
+    return out
+
+
+def options() -> argparse.Namespace:
+    """The options of a program of this folder: `out`, which is made; `table`, of which one program makes a table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, default=Path())
-    there: Path = parser.parse_args().out
-    there.mkdir(parents=True, exist_ok=True)
-    return there
+    parser.add_argument("--table", type=Path)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    return given
 
 
 def thinned(values: Array) -> Array:

@@ -7,7 +7,9 @@ taken, so the film is the same on every machine, however slowly the browser draw
 from __future__ import annotations
 
 import io
+import json
 import math
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -39,7 +41,7 @@ KEPT = bytes.fromhex(
 """Colours of the page that the film keeps exactly: handle, proxy, force, verdict, buttons."""
 
 REST_MS = 2500
-LIMIT_MS = 120_000.0
+LIMIT_MS = 240_000.0
 
 POINTER = """
 const dot = document.createElement('div');
@@ -86,15 +88,17 @@ class Mouse:
 class Untouched:
     """The page's controls; they are not used in the film."""
 
+    fixed = ""
+
     def __getattr__(self, name: str) -> Any:
         return lambda *_: None
 
 
-def film(file: Path) -> None:
-    """Write the film as a GIF."""
+def film(file: Path, frame_ns: int = FRAME_NS) -> None:
+    """Write the film as a GIF, with a frame every `frame_ns`; its comment has what the page says at each act's end."""
     live_page.SILENT_S = math.inf  # the pair stands still while a picture is taken; this must not count as silence
-    history, pictures = History(), list[Image.Image]()
-    with serve(history, Untouched(), port=0, frame_s=0.02) as server, sync_playwright() as driver:
+    history, pictures, said = History(), list[Image.Image](), set[str]()
+    with serve(history, Untouched(), port=0, frame_s=0.1) as server, sync_playwright() as driver:
         browser = driver.chromium.launch(
             executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
             args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
@@ -103,7 +107,7 @@ def film(file: Path) -> None:
         page.set_default_timeout(LIMIT_MS)
         page.add_init_script(POINTER)
         for number, act in enumerate(ACTS):
-            for seconds in _played(history, act, number):
+            for seconds in _played(history, act, number, frame_ns):
                 if not pictures:
                     page.goto(server.url)
                     expect(page.locator(".hapnet-state")).to_have_text("running", timeout=LIMIT_MS)
@@ -114,11 +118,19 @@ def film(file: Path) -> None:
                 page.wait_for_timeout(400)
                 page.evaluate(PAINTED)
                 pictures.append(_framed(page.screenshot(), act.words))
+            page.wait_for_timeout(2000)
+            said |= {act.words, *_words(page.locator("body").inner_text())}
         browser.close()
-    _save(file, pictures)
+    _save(file, pictures, frame_ns, json.dumps({"texts": sorted(said), "curves": []}, ensure_ascii=False))
 
 
-def _played(history: History, act: Act, number: int) -> Iterator[float]:
+def _words(text: str) -> set[str]:
+    """The lines of a text that have letters, without their numbers."""
+    lines = (re.sub(r"[-−+]?\d[\d.,]*", "#", line).strip() for line in text.splitlines())
+    return {line for line in lines if re.search(r"[a-z]{2}", line)}
+
+
+def _played(history: History, act: Act, number: int, frame_ns: int) -> Iterator[float]:
     """Send the pair's samples to the page, frame by frame; yields the time of each frame [s]."""
     changes = {
         "coupling": act.coupling,
@@ -131,14 +143,14 @@ def _played(history: History, act: Act, number: int) -> Iterator[float]:
     recording = run.run().recording
     samples = [sample for sample in recording.samples() if not isinstance(sample, Event)]
     first_ns, offset_ns = samples[0].time_ns, number * 60_000_000_000
-    due_ns = FRAME_NS
+    due_ns = frame_ns
     for role in ("device", "world"):
         history.take(_status(recording.meta, role, number, act))
     history.take(KnownPlanes(run.device_endpoint.planes if act.rendering == "hapnet" else None))
     for sample in samples:
         if sample.time_ns - first_ns > due_ns:
             yield due_ns / 1e9
-            due_ns += FRAME_NS
+            due_ns += frame_ns
         history.take(sample._replace(time_ns=sample.time_ns + offset_ns))
 
 
@@ -176,7 +188,7 @@ def _framed(data: bytes, words: str) -> Image.Image:
     return whole
 
 
-def _save(file: Path, pictures: list[Image.Image]) -> None:
+def _save(file: Path, pictures: list[Image.Image], frame_ns: int, description: str) -> None:
     """Write a GIF with one palette; the last picture stays longer."""
     few = [pictures[round(share * (len(pictures) - 1))] for share in (0.0, 0.25, 0.4, 0.75, 1.0)]
     width, height = pictures[0].size
@@ -187,5 +199,7 @@ def _save(file: Path, pictures: list[Image.Image]) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette([*KEPT, *(found.getpalette() or [])[: 3 * COLOURS - len(KEPT)]])
     first, *rest = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    lasting = [FRAME_NS // 1_000_000] * len(rest) + [REST_MS]
-    first.save(file, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False)
+    lasting = [frame_ns // 1_000_000] * len(rest) + [REST_MS]
+    first.save(
+        file, save_all=True, append_images=rest, duration=lasting, loop=0, optimize=False, comment=description.encode()
+    )

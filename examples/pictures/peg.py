@@ -16,7 +16,7 @@ from PIL import Image
 
 from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
-from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR
+from hapnet.ext.pictures.style import DEVICE_COLOR, WORLD_COLOR, described
 from hapnet.ext.tools.device import turned
 from hapnet.mechanics.pose import rotation
 from hapnet.params import Params
@@ -71,8 +71,8 @@ def block(side: float) -> Polygon:
     return Polygon([(side * x, z) for x, z in ways], facecolor="0.78", edgecolor="0.45")
 
 
-def frames() -> list[Image.Image]:
-    """The frames of the moving picture."""
+def frames() -> tuple[list[Image.Image], str]:
+    """The frames of the moving picture, and what the last one shows."""
     changes = {"scene": SCENE, "operator": f"{__name__}:Insertion", "duration_s": WAY[-1][0], "record_hz": 1000.0}
     result = simulate(Params().set({**changes, "link.up": "4g", "link.down": "4g"}), 1)
     recording = result.recording
@@ -121,11 +121,11 @@ def frames() -> list[Image.Image]:
         for line, values in lines:
             line.set_data(times[:i], values[:i])
         made.append(image(figure))
-    return made
+    return made, described(figure)
 
 
 def main() -> None:
-    animated(frames(), "peg.gif", FRAME_S)
+    animated(*frames(), "peg.gif", FRAME_S)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from PIL import Image
 
 from examples.pictures.drawing import animated, canvas, image
 from hapnet.checks import Array, Vector
+from hapnet.ext.pictures.style import described
 from hapnet.ext.soft.soft_linear import Indices
 from hapnet.ext.soft.soft_picture import COLORS, strains_shown
 from hapnet.params import Params
@@ -72,8 +73,8 @@ def faces(vertices: Array, triangles: Indices, colors: Array) -> tuple[Array, Ar
     return flat, bright[:, None] * colors[seen], corners[seen].mean(axis=1) @ TOWARDS
 
 
-def frames() -> list[Image.Image]:
-    """The frames of the moving picture."""
+def frames() -> tuple[list[Image.Image], str]:
+    """The frames of the moving picture, and what the last one shows."""
     changes = {"scene": SCENE, "operator": f"{__name__}:Press", "duration_s": WAY[-1][0], "record_hz": 1000.0}
     result = simulate(Params().set({**changes, "link.up": "4g", "link.down": "4g"}), 1)
     recording = result.recording
@@ -116,11 +117,11 @@ def frames() -> list[Image.Image]:
         i = int(np.searchsorted(times, now))
         line.set_data(times[:i], force[:i])
         made.append(image(figure))
-    return made
+    return made, described(figure)
 
 
 def main() -> None:
-    animated(frames(), "soft.gif", FRAME_S)
+    animated(*frames(), "soft.gif", FRAME_S)
 
 
 if __name__ == "__main__":

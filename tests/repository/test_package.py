@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 import hapnet
+from hapnet.ext.page.commands.options import PageOptions
 from tests.conftest import ROOT
 from tests.support.notebooks import NOTEBOOKS, code
-from tests.support.pages import ALL
+from tests.support.pages import ALL, PAGES, check_words
 
 
 def test_on_an_index_no_link_of_the_readme_is_relative() -> None:
@@ -27,6 +28,50 @@ def test_on_an_index_no_link_of_the_readme_is_relative() -> None:
     pictures = re.findall(r"!\[([^\]]+)\]", text("README.md"))
     assert pictures
     assert all(f"*{what}.*" in page for what in pictures)
+    assert "```mermaid" not in page  # an index does not draw it
+    assert "<!--" not in page  # and shows it
+
+
+INSTALL = (ROOT / ".site" / "pages" / "install.md").read_text("utf-8")
+
+
+def test_every_line_that_installs_names_this_package_and_its_extras() -> None:
+    extras = tomllib.loads(text("pyproject.toml"))["project"]["optional-dependencies"]
+    lines = [line for line in INSTALL.splitlines() if re.match(r"(uv|uvx|pipx|python3 -m venv) ", line)]
+    assert len(lines) == 6
+    for line in lines:
+        (asked,) = re.findall(r"(?:\.|hapnet)\[([\w,]+)\]", line)
+        assert set(asked.split(",")) <= set(extras)
+    named = re.findall(r"(?m)^\| (`.*`) \| [^|]+ \|$", INSTALL)
+    assert {name for names in named for name in re.findall(r"`([\w-]+)`", names)} <= set(extras)
+
+
+def test_no_page_installs_this_package_from_an_index_that_does_not_have_it_yet() -> None:
+    for page in PAGES:
+        assert not re.search(r"(pip|pipx|uv|uvx)[^`\n]* '?hapnet-haptics", page.read_text("utf-8")), page
+
+
+def test_the_container_runs_what_the_pages_say() -> None:
+    """On a version of Python that the package names, with files and extras that exist, as a user of its own."""
+    file = text(".docker/Dockerfile")
+    project = tomllib.loads(text("pyproject.toml"))["project"]
+    (version,) = set(re.findall(r"(?m)^FROM python:(3\.\d+)-slim", file))
+    assert f"Programming Language :: Python :: {version}" in project["classifiers"]
+    copied = [word for line in re.findall(r"(?m)^COPY (.+) \S+$", file) for word in line.split()]
+    kept = {line[1:] for line in text(".docker/Dockerfile.dockerignore").splitlines() if line.startswith("!")}
+    assert set(copied) == kept
+    assert all((ROOT / name).exists() for name in copied)
+    (extras,) = re.findall(r"whl\)\[([\w,]+)\]", file)
+    assert set(extras.split(",")) <= set(project["optional-dependencies"])
+    entry, command = (json.loads(re.findall(rf"(?m)^{word} (.+)$", file)[0]) for word in ("ENTRYPOINT", "CMD"))
+    assert [*entry, *command] == ["hapnet", "run"]
+    assert entry[0] in project["scripts"]
+    assert file.index("\nUSER 1000\n") < file.index("\nENTRYPOINT")
+    assert str(PageOptions().port) in re.findall(r"(?m)^EXPOSE (.+)$", file)[0].split()
+    for line in re.findall(r"(?m)^docker .+$", INSTALL):
+        assert re.search(rf"(?m)^# +{re.escape(line)}(  |$)", file), line
+        if words := re.search(r"-p \S+ (hapnet .+)$", line):
+            check_words(["hapnet", *words[1].split()[1:]])
 
 
 def test_pages_that_messages_name_are_beside_the_code() -> None:

@@ -34,6 +34,7 @@ _FEW_ARMS = 3
 _MM = 1e3
 _MM_PER_N = 10.0
 _OPACITY, _FAINT = 0.6, 0.12
+_ZOOMS = (1.15, 1.1, 1.05, 1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6)
 _RED, _AMBER = "#b91c1c", "#d97706"
 
 
@@ -75,6 +76,10 @@ def scene_figure(recording: Recording) -> Figure | None:
         if arm is not None:
             links, ghost_links = _arm_at(arm, recording)
             shown, ghosts = shown + links, ghosts + ghost_links
+        when = ", with the bodies at the time of the largest force" if moves or arm is not None else ""
+        name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as the user has given it
+        headed(fig, f"Scene {name}: the paths of device and proxy{when}", letters=100)
+        _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         _surfaces(axes, [part for part in shown if part.body == RESTS], _OPACITY, zorder=0)
         _surfaces(axes, ghosts, _FAINT, zorder=1)
         _surfaces(axes, [part for part in shown if part.body != RESTS], 1.0, zorder=2)
@@ -84,11 +89,7 @@ def scene_figure(recording: Recording) -> Figure | None:
             axes.plot(*(proxy[pressed] * _MM).T, ".", color=_RED, markersize=3, label="proxy in contact", zorder=5)
         if peak is not None:
             _contacts(axes, peak.contacts())
-        _frame(axes, np.concatenate([hand, proxy, *[part.vertices for part in (*shown, *ghosts)]]), _seen_from(force))
         axes.legend(loc="upper left")
-        when = ", with the bodies at the time of the largest force" if moves or arm is not None else ""
-        name = get(recording.meta, "params", "scene") or get(recording.meta, "scene")  # as the user has given it
-        headed(fig, f"Scene {name}: the paths of device and proxy{when}", letters=100)
     return fig
 
 
@@ -219,15 +220,23 @@ def _path(axes: Any, position: Array, color: str, label: str) -> None:
 
 
 def _frame(axes: Any, points: Array, azimuth: float) -> None:
-    """Fit the axes to all points, with the same scale; a long box is drawn smaller, to leave space for its labels."""
+    """Fit the axes to all points, with the same scale, as large as their labels allow; they are still empty."""
     low, high = points.min(axis=0) * _MM, points.max(axis=0) * _MM
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     sides = np.maximum(high - low, 1.0)
-    axes.set_box_aspect(sides, zoom=min(1.15, 0.7 * float(np.linalg.norm(sides) / sides.max())))
     for name, side in zip("xyz", sides, strict=True):
         axes.locator_params(axis=name, nbins=7 if side > 0.4 * sides.max() else 3)
     axes.view_init(elev=25.0, azim=azimuth)
+    figure = axes.figure
+    for zoom in _ZOOMS:
+        axes.set_box_aspect(sides, zoom=zoom)
+        for _ in range(2):  # the first time the labels are still where they were
+            figure.draw_without_rendering()
+        labels = [axis.get_tightbbox(figure.canvas.get_renderer()) for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        if all(figure.bbox.contains(x, y) for box in labels for x, y in box.corners()):
+            break
+    figure.set_layout_engine("none")  # what is drawn from now on moves nothing
 
 
 def _seen_from(force: Array) -> float:

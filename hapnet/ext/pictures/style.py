@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from hapnet.recording.whole_file import complete_or_absent
 
@@ -89,10 +92,33 @@ def also_to(fig: Figure, file: str | os.PathLike[str] | None) -> Figure:
 
 
 def png(fig: Figure) -> bytes:
-    """`fig` as a PNG."""
+    """`fig` as a PNG, with its texts and the ranges of its curves as the description in the file."""
     out = io.BytesIO()
-    fig.savefig(out, format="png", dpi=150)
+    fig.savefig(out, format="png", dpi=150, metadata={"Description": described(fig)})
     return out.getvalue()
+
+
+def described(fig: Figure) -> str:
+    """JSON with `texts`: titles, labels and legends; and `curves`: least, mean and largest value of each curve and bar
+    along each axis."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Rectangle
+    from matplotlib.text import Text
+
+    fig.draw_without_rendering()  # lays out, and makes the legends
+    drawn: list[Any] = [text for text in fig.findobj(Text) if text.get_visible()]
+    texts = [text.get_text() for text in drawn if any(letter.isalpha() for letter in text.get_text())]
+    curves: list[list[float]] = []
+    for axes in fig.axes:
+        lines: list[Any] = axes.findobj(Line2D, include_self=False)
+        own = [line for line in lines if line in axes.lines]
+        series = [values for line in own for values in getattr(line, "get_data_3d", line.get_data)()]
+        series += [[bar.get_width(), bar.get_height()] for bar in axes.patches if isinstance(bar, Rectangle)]
+        for values in series:
+            known = np.asarray(values, dtype=float)
+            known = known[np.isfinite(known)]
+            curves += [[float(f"{f(known):.4g}") for f in (np.min, np.mean, np.max)]] if len(known) else []
+    return json.dumps({"texts": texts, "curves": curves}, ensure_ascii=False)
 
 
 def save(data: bytes, path: str | os.PathLike[str], what: str) -> None:
