@@ -88,7 +88,7 @@ def test_they_are_read_from_a_file_and_checked(tmp_path: Path) -> None:
 
 def test_a_law_that_cannot_be_loaded_says_so_and_nothing_else_fails() -> None:
     assert "mine.damping" not in Params(coupling="nowhere:X").flat()
-    with pytest.raises(InvalidParameter, match=r"^coupling is 'nowhere:X'; .*No module named 'nowhere'"):
+    with pytest.raises(InvalidParameter, match="^coupling nowhere:X: cannot import module 'nowhere'"):
         Params().set({"coupling": "nowhere:X", "mine.damping": 1})
 
 
