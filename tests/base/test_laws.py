@@ -88,7 +88,7 @@ def test_they_are_read_from_a_file_and_checked(tmp_path: Path) -> None:
 
 def test_a_law_that_cannot_be_loaded_says_so_and_nothing_else_fails() -> None:
     assert "mine.damping" not in Params(coupling="nowhere:X").flat()
-    with pytest.raises(InvalidParameter, match=r"^coupling is 'nowhere:X'; .*No module named 'nowhere'"):
+    with pytest.raises(InvalidParameter, match=r"^coupling nowhere:X: cannot import module 'nowhere'"):
         Params().set({"coupling": "nowhere:X", "mine.damping": 1})
 
 
@@ -127,7 +127,7 @@ def test_a_published_law_has_a_name_of_its_own() -> None:
     params = Params().set({"mine.stiffness": 50})  # also while another one is chosen, as in a comparison
     assert params.set({"coupling": "mine"}).of(MineParams).stiffness == 50.0
     assert simulate({**SHORT, "coupling": "mine"}, seed=1).summary["coupling"] == "mine"
-    with pytest.raises(InvalidParameter, match=r"coupling is 'nowhere:X'.*one of .*pd, mine, broken.*No module"):
+    with pytest.raises(InvalidParameter, match=r"coupling nowhere:X: cannot import module 'nowhere'"):
         coupling("broken")
     with pytest.raises(InvalidParameter, match="did you mean mine"):
         coupling("mien")

@@ -340,7 +340,7 @@ def test_a_recorded_link_is_one_more() -> None:
         (("--deadband", "ten"), "ten"),
         (("--deadband", "1.5"), "1.5"),
         (("--case", "lan,press,9"), "lan,press,9"),
-        (("--duration", "0"), "duration_s"),
+        (("--duration", "0"), "--duration"),
         (("--set", "world.mass=heavy"), "world.mass"),
     ],
 )
