@@ -262,7 +262,7 @@ def verdict_text(tree: object) -> RenderableType:
 
 
 def margin_words(summary: Summary) -> str:
-    """What the margins in the tables mean."""
+    """Explains the margins in the tables, in one line."""
     bound = known(summary["theorem"]["bound_J"])
     allowed, more = (
         ("d²", "it") if bound is None else (f"the {millijoule(bound)} mJ allowed", f"{millijoule(bound)} mJ")
@@ -301,10 +301,10 @@ def summary_text(tree: object) -> RenderableType:
         links(summary),
         motion(summary),
     )
-    both = [drawn(ports), Text(margin_words(summary)), Text("")] if ports.rows else []
-    rest = [drawn(table) for table in tables if table.rows]
+    parts: list[RenderableType] = [drawn(ports), Text(margin_words(summary)), Text("")] if ports.rows else []
+    parts += [drawn(table) for table in tables if table.rows]
     known_figures = [line for line in (*brief(summary), _about(summary)) if line and not line.endswith(": not known")]
-    return Group(_styled(verdict(tree), tree), *map(Text, known_figures), *both, *rest)
+    return Group(_styled(verdict(tree), tree), *map(Text, known_figures), *parts)
 
 
 def _styled(line: str, tree: object) -> Text:

@@ -62,5 +62,5 @@ def test_once_ends_it_when_its_device_is_gone_without_a_word() -> None:
     side.alone.watch(gone + 1, 0)
     assert side.ends == 1
     assert [notice.text for notice in side.reported] == [
-        "ends: nothing from its device for 10 s, and it is not connected (--once)"
+        "this side ends: no data from its device for 10 s, and no connection (--once)"
     ]

@@ -195,7 +195,7 @@ def test_the_path_is_told_at_intervals_once_there_is_something() -> None:
     assert said[3].values["round_trip_p50_ms"] == pytest.approx(40.0, rel=0.1)
     assert said[3].values["lost"] == 1
     assert "round trip 40" in said[3].text
-    assert "from the world 20.0 % lost" in said[3].text
+    assert "20.0 % lost from the world" in said[3].text
     assert None not in said[3].values.values()
 
 
