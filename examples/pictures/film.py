@@ -86,6 +86,8 @@ class Mouse:
 class Untouched:
     """The page's controls; they are not used in the film."""
 
+    fixed = ""
+
     def __getattr__(self, name: str) -> Any:
         return lambda *_: None
 
@@ -111,6 +113,8 @@ def film(file: Path) -> None:
                     page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
                     page.wait_for_timeout(1000)
                 _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
+                if len(pictures) == 1:  # the handle is held to the end
+                    page.mouse.down()
                 page.wait_for_timeout(400)
                 page.evaluate(PAINTED)
                 pictures.append(_framed(page.screenshot(), act.words))
