@@ -115,6 +115,8 @@ def film(file: Path, frame_ns: int = FRAME_NS) -> None:
                     page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
                     page.wait_for_timeout(1000)
                 _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
+                if len(pictures) == 1:  # the handle is held to the end
+                    page.mouse.down()
                 page.wait_for_timeout(400)
                 page.evaluate(PAINTED)
                 pictures.append(_framed(page.screenshot(), act.words))

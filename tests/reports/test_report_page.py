@@ -3,6 +3,7 @@
 import math
 import re
 import shlex
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -26,6 +27,7 @@ from hapnet.summary.tables import links, motion, sides
 from hapnet.summary.words import legible
 from tests.plots.test_run import run
 
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VOID = {"meta", "img"}
 
 
@@ -98,7 +100,7 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     source = ReportSource(Path("a b/run.mcap"), "both", written="2026-11-21 12:00:00 UTC")
     found = stands_alone(page(simulated, pictures(simulated), [source]))
     assert list(found.sections) == [
-        "", "The run", "Course of the run", "Summary", "Path", "Links", "Energy account", "Silences and events",
+        "", "The run", "Summary", "Path", "Links", "Energy account", "Silences and events",
         "Commands that repeat the run", "Settings", "Versions", "Files",
     ]  # fmt: skip
     theorem = simulated.summary["theorem"]
@@ -115,6 +117,34 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     assert len(found.attributes("img")) == 2
 
 
+@pytest.mark.parametrize("zooms", [False, True])
+def test_the_first_screen_has_verdict_picture_and_five_values(
+    zooms: bool, simulated: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a window of 1280 by 800 pixels, with and without plotly.js."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium here (Debian: apt install chromium)")
+    if zooms:
+        pytest.importorskip("plotly")
+    monkeypatch.setattr("hapnet.ext.pictures.zoomed.can_zoom", lambda: zooms)
+    (tmp_path / "page.html").write_text(page(simulated, pictures(simulated), []), "utf-8")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        shown = browser.new_page(viewport={"width": 1280, "height": 800})
+        shown.goto((tmp_path / "page.html").as_uri())
+        picture = shown.locator(".first .zoom .main-svg" if zooms else ".first img").first
+        picture.wait_for()
+        boxes = [one.bounding_box() for one in (shown.locator(".verdict"), picture, shown.locator(".first dl"))]
+        assert shown.locator(".first dd").count() == 5
+        browser.close()
+    verdict, drawn, values = boxes
+    assert all(box["y"] + box["height"] <= 800 for box in boxes)
+    assert verdict["y"] < drawn["y"]
+    assert drawn["x"] + drawn["width"] <= values["x"]  # side by side
+    assert drawn["height"] > 400
+
+
 def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -> None:
     result = simulate(Params().set({"duration_s": 1.0, "coupling": "wave"}), seed=7)
     recording = replace(result.recording, summary=result.summary)
@@ -122,7 +152,7 @@ def test_of_another_coupling_its_own_claim_is_told_and_nothing_of_reservoirs() -
     assert "Energy account" not in found.sections
     assert "passive at both ports for any constant delay" in found.sections[""]
     assert "wave variables; Niemeyer, Slotine 2004" in found.sections[""]
-    reported = found.sections[""] + found.sections["Course of the run"] + found.sections["Summary"]
+    reported = found.sections[""] + found.sections["Summary"]
     assert "Theorem" not in reported
     assert "eservoir" not in reported + found.attributes("img")[0]["alt"]
     assert "slack" not in reported
@@ -246,10 +276,10 @@ def test_many_events_are_folded_and_far_too_many_counted() -> None:
     ]
     found = page_of(replace(recording, events=few, summary={}))
     assert "-0.004\npaired\npaired with the world\n1.500\nheard" in found.sections["Silences and events"]
-    assert not found.attributes("details")
+    folded = len(found.attributes("details"))
     many = [Event(i, "overrun", f"number {i}") for i in range(FOLDED)] + few
     found = page_of(replace(recording, events=many, summary={}))
-    assert len(found.attributes("details")) == 1
+    assert len(found.attributes("details")) == folded + 1
     assert f"{FOLDED + 2} events: {FOLDED} overrun, 1 paired, 1 heard" in found.sections["Silences and events"]
     far = [Event(i, "dropped", "x") for i in range(MOST_EVENTS + 30)]
     found = page_of(replace(recording, events=far, summary={}))

@@ -125,6 +125,7 @@ def test_the_mouse_feels_the_wall(playing: Playing, tmp_path: Path) -> None:
         return all(s is not None and 480.0 < (s.link["delay_now_ms"] or 0.0) < 520.0 for s in sides)
 
     playing.until("a delay of 500 ms", slow)
+    page.get_by_text("more numbers").click()
     numbers = page.locator("table").filter(has_text="delay up, down")
     playing.until("the page says so", lambda now: "5" in numbers.inner_text().split("delay up, down")[1][:3])
     keep(page, tmp_path, "play-slow")

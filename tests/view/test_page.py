@@ -18,7 +18,6 @@ import pytest
 pytest.importorskip("viser", reason="the live page's library is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright drives the browser and is not installed")
 
-import numpy as np
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 from hapnet.ext.page.controls import Controls
@@ -119,8 +118,11 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
         page = shown.page
         expect(page.locator(".hapnet-passive")).to_have_text("passive")
         expect(page.locator(".uplot")).to_have_count(4)
-        expect(page.locator(".hapnet-force tr")).to_have_count(5)
-        for words in ("PSPM", "spring K (y − x)", "delay up, down", "42, 42 ms", "2.0, 2.0 %", "96.0 ms", "3.0, 3.0 %"):
+        expect(page.locator(".hapnet-front tr")).to_have_count(5)
+        for words in ("PSPM", "force on the hand", "round trip", "96.0 ms", "lost up, down", "3.0, 3.0 %"):
+            expect(page.get_by_text(words).first).to_be_visible()
+        page.get_by_text("more numbers").click()
+        for words in ("spring K (y − x)", "link delay up, down", "42, 42 ms", "2.0, 2.0 %"):
             expect(page.get_by_text(words).first).to_be_visible()
         assert shown.server.watched
         assert keep(page, tmp_path, "page").stat().st_size > 10_000
@@ -129,6 +131,7 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
 @pytest.mark.slow
 def test_a_tool_that_turns_is_drawn_at_both_poses_and_led_by_three_axes(browser: Browser, tmp_path: Path) -> None:
     with opened(browser, (1280, 720), operator="press", scene="tool:peg + hole?at=0,0,-20mm") as shown:
+        shown.page.get_by_text("more numbers").click()
         for words in ("torque on the hand", "mNm", "angle between"):
             expect(shown.page.get_by_text(words).first).to_be_visible()
         shown.button("release to start").click()
@@ -157,27 +160,6 @@ def test_who_watches_only_can_press_and_drag_nothing(browser: Browser) -> None:
         page.mouse.up()
         expect(page.locator(".hapnet-state")).to_have_text("running")
         assert shown.controls.calls == []
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("size", [(390, 844), (700, 800), (1280, 720)])
-def test_a_press_within_30_pixels_takes_hold_of_the_handle(browser: Browser, size: tuple[int, int]) -> None:
-    rng = np.random.default_rng(20)
-    with opened(browser, size) as shown:
-        page, controls = shown.page, shown.controls
-        page.wait_for_timeout(2000)  # until the ball around the handle is as large as this window needs
-        found = 0
-        for distance, angle in zip(30.0 * np.sqrt(rng.random(20)), 2.0 * math.pi * rng.random(20), strict=True):
-            x, y = shown.scene_point(0.0)
-            x, y = x + distance * math.cos(angle), y + distance * math.sin(angle)
-            before = len(controls.named("lead"))
-            page.mouse.move(x, y)
-            page.mouse.down()
-            for step in range(1, 4):
-                page.mouse.move(x + 6.0 * step, y)
-            page.mouse.up()
-            found += controls.wait(lambda before=before: len(controls.named("lead")) > before, 20.0)
-        assert found == 20
 
 
 @pytest.mark.soak

@@ -78,8 +78,8 @@ def test_the_page_has_the_total_time_without_force_as_long_as_the_pair_runs(serv
         )
         both = Snapshot(None, None, device, world, True, (), 2, summary=present(device, world, {}))
         numbers.update(both, "running", (), fresh=True)
-        assert ("without force so far" in numbers._html.content) == shown
-        assert ("42.0 s" in numbers._html.content) == shown
+        assert ("time without force" in numbers._more.content) == shown
+        assert ("42.0 s" in numbers._more.content) == shown
 
 
 @pytest.mark.parametrize(("name", "size", "says"), [
@@ -118,13 +118,13 @@ def test_the_page_says_how_stiff_the_wall_is_felt(server: viser.ViserServer) -> 
     shown = snapshot("pspm", "hapnet")
     numbers = Numbers(server.gui)
     numbers.update(shown, "running")
-    assert "felt" not in numbers._html.content
+    assert "felt" not in numbers._more.content
     shown.device_status.about["felt"] = {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": 85.7142, "springs_N_m": ()}
     numbers.update(shown, "running")
-    assert "wall3000 N/m, felt as 85.71 N/m" in re.sub("<[^>]*>", "", numbers._html.content)
+    assert "wall3000 N/m, felt as 85.71 N/m" in re.sub("<[^>]*>", "", numbers._more.content)
     shown.device_status.about["felt"] = "hard"
     numbers.update(shown, "running")
-    assert "felt as" not in numbers._html.content
+    assert "felt as" not in numbers._more.content
 
 
 def test_each_pair_keeps_its_own_verdict(server: viser.ViserServer) -> None:

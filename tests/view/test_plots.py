@@ -62,11 +62,11 @@ class Gui:
     def __init__(self) -> None:
         self.plots: dict[str, SimpleNamespace] = {}
 
-    def add_html(self, content: str) -> None:
-        pass
+    def add_html(self, content: str, visible: bool) -> SimpleNamespace:
+        return SimpleNamespace(content=content, visible=visible)
 
     def add_uplot(self, data: object, series: object, title: str, **more: object) -> SimpleNamespace:
-        self.plots[title] = SimpleNamespace(data=data, visible=True)
+        self.plots[title] = SimpleNamespace(data=data, **more)
         return self.plots[title]
 
 
@@ -83,3 +83,13 @@ def test_the_depth_of_the_handle_is_drawn_where_it_is_known_else_the_proxys_cove
     *_, of_handle, of_proxy = gui.plots["depth in the wall [mm]"].data
     np.testing.assert_allclose(of_proxy, 1.0, rtol=1e-12)
     np.testing.assert_allclose(of_handle, 7.0 if known else 1.0, rtol=1e-12)
+
+
+def test_a_plot_is_shown_only_while_there_is_something_in_it() -> None:
+    gui, none = Gui(), Snapshot(None, None, None, None, True, (), 0)
+    plots = Plots(gui, 10.0)  # type: ignore[arg-type]
+    still = track([[-1.0]] * 2, [[[math.nan]] * 4] * 2)
+    for snapshot, shown in ((none, False), (replace(none, device=still, world=still), True), (none, False)):
+        plots.update(snapshot, [])
+        assert {plot.visible for title, plot in gui.plots.items() if "reservoirs" not in title} == {shown}
+        assert plots._legend.visible is shown

@@ -10,14 +10,15 @@ import viser
 
 from hapnet.checks import Array
 
-GRAB_PX = 34.0
-"""A press within this distance of the handle's middle grabs it [pixels]."""
+GRAB_PX = 110.0
+"""A press within this distance of the handle's middle grabs it [pixels]; a press farther away turns the view."""
 
-_SHARE = 0.047
-"""A press within this share of the window's height grabs it too, as dense screens do not report their pixel ratio."""
+_SHARE, _DENSEST = 0.28, 3.0
+"""A press within this share of the scene's smaller side grabs it too, as dense screens do not report their pixel ratio:
+on a telephone this share is `GRAB_PX`. No screen has more than `_DENSEST` pixels where others have one."""
 
-_LARGEST = 3.0
-"""The largest radius of the ball [scene units], however small the window is."""
+_LARGEST = 12.0
+"""The largest radius of the ball [scene units], however far away a camera is."""
 
 
 class Grab:
@@ -37,8 +38,10 @@ class Grab:
     ) -> None:
         self._radius, self._place = radius, place
         self._ball = scene.add_icosphere(
-            f"{parent}/grab", radius, (255, 255, 255), opacity=0.0, cast_shadow=False, receive_shadow=False
-        )
+            f"{parent}/grab", radius, (255, 255, 255), opacity=0.0, scale=_LARGEST / radius,
+            side="back",  # the pointer hits the far side, so the ball hides nothing that is in it or before it
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
         held, stretch = np.zeros(3), 1.0
 
         # A coroutine, since viser keeps the order of events only for coroutines.
@@ -47,7 +50,7 @@ class Grab:
             nonlocal held, stretch
             camera = event.client.camera
             eye, ahead = np.array(camera.position), np.array(camera.look_at) - np.array(camera.position)
-            if event.phase == "start":  # the pointer is on the ball, nearer than the middle
+            if event.phase == "start":  # the pointer is on the ball, farther away than the middle
                 start, middle = np.array(event.start_position), self._place()
                 stretch = float((middle - eye) @ ahead) / (float((start - eye) @ ahead) or 1.0)
                 held = eye + stretch * (start - eye) - middle
@@ -59,8 +62,9 @@ class Grab:
         middle, radius = self._place(), self._radius
         for camera in cameras:
             away = float(np.linalg.norm(np.array(camera.position) - middle))
-            share = max(GRAB_PX / max(camera.image_height, 1), _SHARE)
-            radius = max(radius, 2.0 * away * math.tan(camera.fov / 2.0) * share)
+            height = max(camera.image_height, 1)
+            pixels = max(GRAB_PX, min(_SHARE * min(height, camera.image_width), _DENSEST * GRAB_PX))
+            radius = max(radius, 2.0 * away * math.tan(camera.fov / 2.0) * pixels / height)
         scale = min(radius, _LARGEST) / self._radius
         if abs(scale / float(np.max(self._ball.scale)) - 1.0) > 0.03:
             self._ball.scale = scale

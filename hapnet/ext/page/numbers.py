@@ -1,4 +1,4 @@
-"""The page's numbers: the verdict, measured values, the parts of the force, and present faults."""
+"""The page's numbers: the verdict, five values and present faults in front, all other values in a folder."""
 
 from __future__ import annotations
 
@@ -28,14 +28,23 @@ _GREY = "#64748b"
 _SHORT = 20
 """A value of fewer characters is not wrapped."""
 
+FRONT = ("round trip", "lost", "margin now", "lowest margin")
+"""The values in front, beside the force on the hand."""
+
 _CELL = "padding:0 8px 0 0;border:0;line-height:18px"
 
 
 class Numbers:
-    """The measured numbers, in a few lines, in the container that is open when this object is created."""
+    """The verdict and the measured values, in the container that is open when this object is created.
+
+    Nothing is shown before the first `update`, and a value is shown only while it is known.
+    """
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._html = gui.add_html(_table(Snapshot(None, None, None, None, False, (), 0), "waiting", (), False))
+        self._html = gui.add_html("")
+        self._folder = gui.add_folder("more numbers", expand_by_default=False, visible=False)
+        with self._folder:
+            self._more = gui.add_html("")
         self._turn = 0
 
     def update(self, snapshot: Snapshot, state: str, troubles: Iterable[str] = (), *, fresh: bool = True) -> None:
@@ -45,7 +54,13 @@ class Numbers:
         the last second; otherwise all numbers are grey.
         """
         self._turn = 1 - self._turn
-        self._html.content = _table(snapshot, state, troubles, fresh, self._turn)
+        shown = f"hapnet-drawn-{self._turn}" if fresh else "hapnet-old"  # see `STYLE` in page.py
+        values, force = _values(snapshot), _force(snapshot)
+        front = [*force[:1], *(values.pop(name) for name in FRONT if name in values)]
+        self._html.content = _box(_front(snapshot, state, troubles, front), shown)
+        more = [*values.values(), *force[1:]]
+        self._more.content = _box(f'<table class="hapnet-more" style="width:100%">{_lines(more)}</table>', shown)
+        self._folder.visible = bool(more)
 
 
 def verdict(snapshot: Snapshot) -> VerdictSummary | None:
@@ -53,48 +68,66 @@ def verdict(snapshot: Snapshot) -> VerdictSummary | None:
     return None if snapshot.summary is None else snapshot.summary["verdict"]
 
 
-def _table(snapshot: Snapshot, state: str, troubles: Iterable[str], fresh: bool, turn: int = 0) -> str:
-    device, world = snapshot.device_status, snapshot.world_status
-    word, colour, why = "...", _GREY, ""
+def _front(snapshot: Snapshot, state: str, troubles: Iterable[str], rows: Iterable[tuple[str, str]]) -> str:
+    """The verdict, the state, faults, the coupling, the verdicts on earlier pairs, and the values in front."""
+    found = ""
     if (kept := verdict(snapshot)) is not None:
         word, colour = _VERDICTS[kept["passive"]]
-        why = "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
-    summary = snapshot.summary
-    recording = device.recording if device is not None else ""
-    rows = [
-        ("delay up, down", f"{_link(device, 'delay_now_ms', 1.0, 0)}, {_link(world, 'delay_now_ms', 1.0, 0)} ms"),
-        ("loss up, down", f"{_link(device, 'loss_now', 100.0, 1)}, {_link(world, 'loss_now', 100.0, 1)} %"),
-        ("path: round trip", f"{_number(_round_trip(device, world), 1)} ms"),
-        ("path: lost up, down", f"{_number(_lost(world, 'up'), 1)}, {_number(_lost(device, 'down'), 1)} %"),
-        ("margin now", f"{_number(_margin(summary, 'margin_end_J'), 1)} mJ"),
-        ("lowest margin", f"{_number(_margin(summary, 'margin_J'), 1)} mJ"),
-        ("lowest after 1 s", f"{_number(_margin(summary, 'margin_later_J'), 1)} mJ"),
-    ]
-    if without_s := _without_force(summary):
-        rows.append(("without force so far", f"{without_s:.1f} s"))
-    force = force_now(of_point(snapshot).device, within(units(snapshot), "N"))
-    if units(snapshot) == POSE and snapshot.device is not None:
-        force.append(("torque on the hand", torque_now(snapshot.device)))
-        if snapshot.world is not None:
-            angle = angle_between(snapshot.device.position_m[-1], snapshot.world.position_m[-1])
-            rows.append(("angle between", f"{math.degrees(angle):.1f}°"))
-    if recording:
-        rows.append(("recording", PurePath(recording).name))
-    about = device.about if device is not None else world.about if world is not None else {}
-    if walls := felt(about.get("felt"), springs=False, units=units(snapshot)):
-        rows.append(("wall", walls))
-    what = " · ".join(scene_label(str(about[key])) for key in ("name", "scene") if about.get(key))
-    label = label_of(*coupled(device or world))
+        found = f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>'
+        found += "" if kept["passive"] else f'<div class="hapnet-why">{html.escape(kept["reason"])}</div>'
+    side = snapshot.device_status or snapshot.world_status
+    label = "" if side is None else label_of(*coupled(side))
     how = ": ".join(filter(None, (label, words_of(label))))
-    shown = f"hapnet-drawn-{turn}" if fresh else "hapnet-old"  # see `STYLE` in page.py
+    return (
+        f'{found}<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
+        f'{"".join(map(_trouble, troubles))}<div class="hapnet-coupling">{html.escape(how)}</div>'
+        f'{_past(snapshot.past)}<table class="hapnet-front" style="width:100%">{_lines(rows)}</table>'
+    )
+
+
+def _values(snapshot: Snapshot) -> dict[str, tuple[str, str]]:
+    """The known values, each with its label, by name."""
+    device, world, summary = snapshot.device_status, snapshot.world_status, snapshot.summary
+    side = device or world
+    about = {} if side is None else side.about
+    found = {
+        "round trip": _one("round trip", _round_trip(device, world), 1, "ms"),
+        "lost": _two("lost", _lost(world, "up"), _lost(device, "down"), 1, "%"),
+        "margin now": _one("margin now", _margin(summary, "margin_end_J"), 1, "mJ"),
+        "lowest margin": _one("lowest margin", _margin(summary, "margin_J"), 1, "mJ"),
+        "later": _one("lowest margin after 1 s", _margin(summary, "margin_later_J"), 1, "mJ"),
+        "delay": _two("link delay", _link(device, "delay_now_ms", 1.0), _link(world, "delay_now_ms", 1.0), 0, "ms"),
+        "loss": _two("link loss", _link(device, "loss_now", 100.0), _link(world, "loss_now", 100.0), 1, "%"),
+        "without force": _one("time without force", _without_force(summary) or None, 1, "s"),
+        "angle": _angle(snapshot),
+        "wall": ("wall", felt(about.get("felt"), springs=False, units=units(snapshot)) or ""),
+        "recording": ("recording", PurePath(device.recording).name if device is not None else ""),
+        "device": ("device", str(about.get("name") or "")),
+        "scene": ("scene", scene_label(str(about.get("scene") or ""))),
+    }
+    return {name: row for name, row in found.items() if row is not None and row[1]}
+
+
+def _force(snapshot: Snapshot) -> list[tuple[str, str]]:
+    """The force on the hand, its parts, and the torque of a tool; empty: there is no sample yet."""
+    if snapshot.device is None:
+        return []
+    force = force_now(of_point(snapshot).device, within(units(snapshot), "N"))
+    return [*force, ("torque on the hand", torque_now(snapshot.device))] if units(snapshot) == POSE else force
+
+
+def _angle(snapshot: Snapshot) -> tuple[str, str] | None:
+    """The angle between a handle that turns and its proxy."""
+    device, world = snapshot.device, snapshot.world
+    if device is None or world is None or units(snapshot) != POSE:
+        return None
+    return "angle between", f"{math.degrees(angle_between(device.position_m[-1], world.position_m[-1])):.1f}°"
+
+
+def _box(content: str, shown: str) -> str:
     return (
         f'<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums" class="{shown}">'
-        f'<div style="font-size:20px;font-weight:700;color:{colour}" class="hapnet-passive">{word}</div>{why}'
-        f'<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
-        f"{''.join(map(_trouble, troubles))}"
-        f'<div style="opacity:.65">{html.escape(what)}</div><div class="hapnet-coupling">{html.escape(how)}</div>'
-        f'{_past(snapshot.past)}<table style="width:100%">{_lines(rows)}</table>'
-        f'<table class="hapnet-force" style="width:100%">{_lines(force)}</table></div>'
+        f"{content}</div>"
     )
 
 
@@ -126,9 +159,9 @@ def _outcome(episode: Episode) -> tuple[str, bool | None]:
     return label_of(episode.coupling, episode.rendering), episode.verdict["passive"]
 
 
-def _link(status: Status | None, key: str, factor: float, digits: int) -> str:
+def _link(status: Status | None, key: str, factor: float) -> float | None:
     value = None if status is None else status.link.get(key)
-    return _number(None if value is None else factor * float(value), digits)
+    return None if value is None else factor * float(value)
 
 
 def _round_trip(*sides: Status | None) -> float | None:
@@ -155,8 +188,15 @@ def _margin(summary: Summary | None, name: Literal["margin_J", "margin_end_J", "
     return None if value is None else 1e3 * value
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+def _one(label: str, value: float | None, digits: int, unit: str) -> tuple[str, str] | None:
+    return None if value is None else (label, f"{value:.{digits}f} {unit}")
+
+
+def _two(label: str, up: float | None, down: float | None, digits: int, unit: str) -> tuple[str, str] | None:
+    """A value of each direction; of one direction if only that one is known."""
+    known = {name: value for name, value in (("up", up), ("down", down)) if value is not None}
+    values = ", ".join(f"{value:.{digits}f}" for value in known.values())
+    return (f"{label} {', '.join(known)}", f"{values} {unit}") if known else None
 
 
 SHOWN_S = 5.0

@@ -14,7 +14,7 @@ from hapnet.ext.arms.picture import ArmPicture
 from hapnet.ext.page.controls import Controls
 from hapnet.ext.page.history import History, Snapshot, units
 from hapnet.ext.page.numbers import Numbers, Troubles
-from hapnet.ext.page.panel import ABOUT, ControlPanel
+from hapnet.ext.page.panel import ABOUT, HOW, ControlPanel
 from hapnet.ext.page.playback import Playback, PlayerPanel
 from hapnet.ext.page.plots import Plots
 from hapnet.ext.page.scene import PageScene
@@ -76,12 +76,14 @@ class Page:
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("hapnet")
         gui.add_html(STYLE)
-        self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
-        self._player = None if player is None else PlayerPanel(gui, player)
-        self._numbers = Numbers(gui)
-        front = gui.add_button("reset view", icon=viser.Icon.EYE, color="gray", hint="look from the front again")
         with gui.add_folder("what am I looking at?", expand_by_default=False):
-            gui.add_markdown(ABOUT)
+            gui.add_markdown(ABOUT if controls is None else HOW + ABOUT)
+        self._numbers = Numbers(gui)
+        self._player = None if player is None else PlayerPanel(gui, player)
+        self._settings = gui.add_folder(None, visible=False)  # until the pair reports them
+        with self._settings:
+            self._panel = None if controls is None else ControlPanel(gui, controls, self._lead, self._start_anew)
+        front = gui.add_button("reset view", icon=viser.Icon.EYE, color="gray", hint="look from the front again")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(_WIDTHS[0])
         self._plots_panel = panel = gui.add_panel()
@@ -142,12 +144,17 @@ class Page:
         with self._server.atomic():
             steps.run("plots", lambda: self._draw_plots(snapshot), now_s)
             if (panel := self._panel) is not None:
-                steps.run("controls", lambda: panel.update(snapshot), now_s, again=panel.forget)
+                steps.run("controls", lambda: self._draw_controls(panel, snapshot), now_s, again=panel.forget)
             if (player := self._player) is not None:
                 steps.run("player", player.update, now_s)
             if (scene := self._scene) is not None:
                 steps.run("handle", scene.fit, now_s)
             steps.run("numbers", lambda: self._draw_numbers(snapshot, now_s), now_s)
+
+    def _draw_controls(self, panel: ControlPanel, snapshot: Snapshot) -> None:
+        panel.update(snapshot)
+        if snapshot.device_status is not None:
+            self._settings.visible = True
 
     def _draw_numbers(self, snapshot: Snapshot, now_s: float) -> None:
         troubles = [*self._steps.failures(), *self._troubles.now(snapshot, now_s)]
@@ -183,7 +190,8 @@ class Page:
             dof, surfaces, *_ = wanted
             parts, turns = snapshot.parts or parts_of_words(words), units(snapshot) == POSE
             dof, arm = 3 if turns else dof, ArmPicture.of(described)
-            self._scene = PageScene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns)
+            hints = self._scene is None or self._scene.hints
+            self._scene = PageScene(self._server, dof, surfaces, lead, wall_name, parts, arm, turns=turns, hints=hints)
             self._drawn, self._parts = wanted, snapshot.parts
             self._origin = (0.0,) * dof
         self._scene.update(snapshot)

@@ -19,19 +19,24 @@ from hapnet.recording.telemetry import Status
 SMOOTHING_S = 0.02
 """Time constant of the smoothing filter that the page switches on [s]."""
 
+HOW = """
+Drag the blue ball into the wall. A press farther away turns the view; *reset view* turns it back.
+"""
+
 ABOUT = """
-A hand (blue) moves a haptic device here; a virtual mass, the *proxy* (orange), moves in a virtual world elsewhere. The
-two sides send each other their positions over a network, and a spring on each side pulls them together. The **arrow**
-is the force on the hand. If you push into the wall, the proxy stops at the surface, and the spring pushes you back.
+The blue ball is the handle of a haptic device: it is here, in your hand. The orange ball, the *proxy*, is its partner
+in a virtual world elsewhere. The two sides send each other their positions over a network, and a spring on each side
+pulls them together. The **arrow** is the force on your hand. When you push into the wall, the proxy stops at the
+surface, and the spring pushes you back.
 
-With late positions such springs put energy into the hand: it shakes. **PSPM** limits the energy on both sides: it
-moves a spring's end (the small dark ball) only as far as the energy in its reservoir allows. So the *margin*, the rest
-of the energy that passivity allows, never falls below zero, whatever the link does. Choose the coupling `zoh` on a bad
-link to see the spring alone, and `paper` to see PSPM alone.
+Over a slow network, such springs put energy into the hand, and it shakes. **PSPM** limits this energy on both sides:
+it moves a spring's end (the small dark ball) only as far as the energy in its reservoir allows. The *margin* is the
+energy that may still come out; it never falls below zero, whatever the link does. To see the spring without PSPM,
+choose the coupling `zoh` and a bad link; to see PSPM alone, choose `paper`.
 
-With `hapnet`, the device has a **local contact model**: the planes near the proxy, which the world sends (faint
-blue). So the wall is felt at once, and the handle moves freely, whatever the delay. As PSPM still limits the energy,
-a wrong model creates no energy.
+With `hapnet`, the device also keeps a **local contact model**: the planes near the proxy, which the world sends
+(faint blue). So you feel the wall at once, and the handle moves freely, whatever the delay. A wrong model creates no
+energy, because PSPM still limits it.
 """
 
 SWITCH_HINT = (

@@ -42,7 +42,7 @@ class Plots:
     def __init__(self, gui: viser.GuiApi, seconds: float) -> None:
         self._seconds = seconds
         of_sides = ("device, handle", _BLUE), ("world, proxy", _ORANGE), ("both", _INK), ("not passive", "#dc2626")
-        gui.add_html(_legend(*of_sides) + _legend(("force", _GREEN), *_OF_PARTS.items()))
+        self._legend = gui.add_html(_legend(*of_sides) + _legend(("force", _GREEN), *_OF_PARTS.items()), visible=False)
         device, world = _curve("device", _BLUE), _curve("world", _ORANGE)
         below = _curve("below 0", "transparent", fill="rgba(220, 38, 38, 0.45)")
         thin = [_curve(name, colour, width=1.0) for name, colour in (("device", _BLUE), ("world", _ORANGE))]
@@ -61,6 +61,13 @@ class Plots:
         """Draw `snapshot`; `surfaces` are the scene's flat walls at rest, for which the handle's depth is known."""
         axes, snapshot = units(snapshot), of_point(snapshot)
         device, world = snapshot.device, snapshot.world
+        known = device is not None or world is not None
+        for shown in (self._legend, self._force, self._depth, self._margin):
+            shown.visible = known
+        reservoirs = has_reservoirs(coupled(snapshot.device_status or snapshot.world_status)[0])
+        self._reservoirs.visible = known and reservoirs
+        if not known:
+            return
         self._force.title, self._depth.title = _FORCE.format(within(axes, "N")), _DEPTH.format(within(axes, "mm"))
         first = max((track.time_s[0] for track in (device, world) if track is not None), default=-self._seconds)
         at = np.linspace(min(max(first, -self._seconds), -1e-3), 0.0, POINTS)
@@ -74,7 +81,6 @@ class Plots:
             parts = held(device.time_s, stacked(device), at)
             force = held(device.time_s, force_of(device), at)
             _draw(self._force, at, *piled(parts), force)
-        self._reservoirs.visible = has_reservoirs(coupled(snapshot.device_status or snapshot.world_status)[0])
         _draw(self._reservoirs, at, *(1e3 * _held(track, "reservoir_J", at) for track in (device, world)))
         _draw(self._depth, at, of_handle, of_proxy)
         _draw(self._margin, at, np.minimum(both, 0.0), *halves, both)
@@ -90,6 +96,7 @@ class Plots:
             cursor={"show": False},
             padding=(6, 12, 0, 0),
             height=122,
+            visible=False,
         )
 
 

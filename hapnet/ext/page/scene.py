@@ -64,7 +64,8 @@ class PageScene:
     lead : called with the hand's target, (n,) [m], during a drag of the handle; None: it cannot be dragged.
     wall_name : the label of a single wall. parts : of the world, drawn beside its walls.
     arm : the device, if it is an arm; with axes in radians, handle and proxy are drawn at its tip.
-    turns : one of the parts is a tool that the handle turns.
+    turns : one of the parts is a tool that the handle turns. hints : write at the handle how to use it, until the
+        first drag.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class PageScene:
         arm: ArmPicture | None = None,
         *,
         turns: bool = False,
+        hints: bool = False,
     ) -> None:
         self.dof = dof
         self._arm = arm
@@ -123,6 +125,10 @@ class PageScene:
             scene.add_label("/handle/name", " handle ", position=below, anchor="top-right", font_screen_scale=0.85),
             scene.add_label("/proxy/name", " proxy ", position=below, anchor="top-left", font_screen_scale=0.85),
         ]
+        self._hint = scene.add_label(
+            "/handle/hint", " drag me ", position=0.55 * self._up, anchor="bottom-center",
+            visible=hints and lead is not None,
+        )  # fmt: skip
         self._handle_is_right = False
         self._spot = np.zeros(3)
         self._farther: dict[int, float] = {}
@@ -131,6 +137,11 @@ class PageScene:
             if lead is None
             else Grab(scene, "/handle", _HANDLE_RADIUS, lambda: self._spot, partial(self._follow, lead))
         )
+
+    @property
+    def hints(self) -> bool:
+        """Whether the hint at the handle is shown."""
+        return self._hint.visible
 
     def show_target(self, position: Vector | None) -> None:
         """Show the hand's target; None: unknown, not shown."""
@@ -263,6 +274,7 @@ class PageScene:
         camera.position, camera.look_at = position, middle
 
     def _follow(self, lead: Callable[[Vector], None], middle: Array) -> None:
+        self._hint.visible = False
         if np.isfinite(middle).all():
             lead(tuple(np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M).tolist()))
 

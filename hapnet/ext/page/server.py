@@ -39,8 +39,8 @@ FRAMES_A_PLOT = 15
 NICENESS = 10
 """The priority of the page's threads, as `nice` counts."""
 
-IDLE_S = 0.1
-"""How often to check for a browser while there is none [s]."""
+IDLE_S, UNSEEN_S = 0.1, 1.0
+"""While there is no browser: how often to check for one, and how often to draw, so that it first sees this pair [s]."""
 
 PORTS = 100
 """How many ports are tried, from the given port on."""
@@ -130,12 +130,15 @@ class PageServer:
 
     async def _draw(self) -> None:
         """Draw until cancelled; the page handles errors in a drawing (`PagePainter`)."""
-        due, frame = time.monotonic(), 0
+        due, frame, unseen_due = time.monotonic(), 0, 0.0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
             if not self.watched:
                 due = now + IDLE_S
+                if now >= unseen_due:
+                    unseen_due = now + UNSEEN_S
+                    self._page.draw(now, rest=True)
                 continue
             self._page.draw(now, rest=frame % FRAMES_A_PLOT == 0)
             frame += 1

@@ -24,7 +24,8 @@ from hapnet.recording.samples import Recording
 from hapnet.summary import tables
 from hapnet.summary.structure import DIRECTIONS, Direction, Summary, read
 from hapnet.summary.verdict import has_reservoirs
-from hapnet.summary.words import get, number, outcome, tuning, verdict
+from hapnet.summary.words import felt, get, milli, millijoule, number, outcome, percent, tuning, verdict
+from hapnet.units import within
 
 FOLDED = 12
 """A longer list of events is folded."""
@@ -36,11 +37,15 @@ _POLICY = "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'"
 _ZOOM = """
 for (const shown of document.querySelectorAll(".zoom")) {
   const {data, layout} = JSON.parse(shown.firstElementChild.textContent);
+  layout.height = Math.max(400, Math.min(layout.height, innerHeight - shown.getBoundingClientRect().top - 40));
   Plotly.newPlot(shown, data, layout, {
     responsive: true, scrollZoom: true, displaylogo: false, modeBarButtonsToRemove: ["sendChartToCloud"],
   });
 }
 """
+_FIRST = 5
+"""The number of values beside the picture."""
+
 _HOW_TO_ZOOM = " Drag over a part to zoom into it, turn the wheel, or double-click to see all again."
 _WHAT_IT_MEANS = {
     "good": "At no time did the hand and the world together take out more energy than the bound d² allows "
@@ -88,8 +93,9 @@ def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequenc
     body = element(
         "main",
         _head(summary, title, sources),
+        _first(summary, drawn.get("run")),
         _section("The run", _facts(recording, sources)),
-        _section("Course of the run", _picture(drawn.get("run")), _picture(drawn.get("scene"))),
+        _section("The scene", _picture(drawn.get("scene"))),
         _section(
             "Summary",
             _table(tables.both_ports(summary)),
@@ -97,15 +103,15 @@ def page(recording: Recording, drawn: Mapping[str, PngPicture], sources: Sequenc
             _table(tables.environment(summary)),
             _table(tables.motion(summary)),
         ),
-        _section("Path", _table(tables.path(summary))),
-        _section("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
-        _section("Energy account", _table(energy), element("p", _ENERGY) if energy.rows else Html()),
-        _section("Servo", _picture(drawn.get("servo"))),
+        _folded("Path", _table(tables.path(summary))),
+        _folded("Links", _table(tables.links(summary)), _picture(drawn.get("link"))),
+        _folded("Energy account", _table(energy), element("p", _ENERGY) if energy.rows else Html()),
+        _folded("Servo", _picture(drawn.get("servo"))),
         _section("Silences and events", _events(recording)),
         _section("Commands that repeat the run", _commands(recording, sources)),
-        _section("Settings", _settings(settings(recording))),
-        _section("Versions", _versions(recording)),
-        _section("Files", _files(sources)),
+        _folded("Settings", _settings(settings(recording))),
+        _folded("Versions", _versions(recording)),
+        _folded("Files", _files(sources)),
     )
     scripts = [library(), _ZOOM] if any(picture.zoomed for picture in drawn.values()) else []
     style = Html((files("hapnet.ext.pictures") / "style.css").read_text("utf-8"))
@@ -148,12 +154,39 @@ def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html
         meaning = judged + claim
     return element(
         "header",
-        element("p", "hapnet report", class_="kicker"),
         element("h1", title),
         element("p", line[0].upper() + line[1:], class_=f"verdict {found}"),
-        element("p", meaning),
+        element("details", element("summary", "What this verdict means"), element("p", meaning)),
         *(element("p", _torn(source), class_="note") for source in sources if source.torn),
     )
+
+
+def _first(summary: Summary, picture: PngPicture | None) -> Html:
+    """The picture of the run and the most important values, which fit on one screen together with the verdict."""
+    items = [element("div", element("dt", name), element("dd", value)) for name, value in _values(summary)[:_FIRST]]
+    values = element("dl", *items) if items else Html()
+    if picture is None:
+        return element("section", values, class_="first")
+    reading = element("details", element("summary", "How to read the picture"), element("p", _caption(picture)))
+    return element("section", element("figure", _shown(picture)), element("div", values, reading), class_="first")
+
+
+def _values(summary: Summary) -> list[tuple[str, str]]:
+    """The known values of a run, the most important one first."""
+    moved, path, theorem, units = summary["motion"], summary["path"], summary["theorem"], summary["units"]
+    lost = {way: part["loss"] for way in DIRECTIONS if (part := path[way]) is not None and part["loss"] is not None}
+    found: list[tuple[str, object, str, str]] = [
+        ("largest force on the hand", moved["peak_force_N"], number(moved["peak_force_N"]), within(units, "N")),
+        ("wall", wall := felt(summary["environment"], springs=False, units=units), str(wall), ""),
+        ("lowest margin", theorem["margin_J"], millijoule(theorem["margin_J"]), "mJ"),
+        ("round trip", path["round_trip_p50_ms"], number(path["round_trip_p50_ms"]), "ms"),
+        (f"lost {', '.join(lost)}", lost or None, ", ".join(map(percent, lost.values())), "%"),
+        ("margin at the end", theorem["margin_end_J"], millijoule(theorem["margin_end_J"]), "mJ"),
+        ("position error, free (rms)", moved["free_rms_m"], milli(moved["free_rms_m"]), within(units, "mm")),
+        ("contacts", moved["contacts"], number(moved["contacts"]), ""),
+        ("duration", summary["duration_s"], number(summary["duration_s"]), "s"),
+    ]
+    return [(name, f"{shown} {unit}".rstrip()) for name, value, shown, unit in found if value is not None]
 
 
 def _torn(source: ReportSource) -> str:
@@ -268,6 +301,13 @@ def _section(title: str, *parts: Html) -> Html:
     return element("section", element("h2", title), *parts) if any(parts) else Html()
 
 
+def _folded(title: str, *parts: Html) -> Html:
+    """A section whose content is folded; empty if it has no content."""
+    if not any(parts):
+        return Html()
+    return element("section", element("details", element("summary", element("h2", title)), *parts))
+
+
 def _table(content: tables.Table) -> Html:
     if not content.rows:
         return Html()
@@ -278,14 +318,21 @@ def _table(content: tables.Table) -> Html:
 def _picture(picture: PngPicture | None) -> Html:
     if picture is None:
         return Html()
+    return element("figure", _shown(picture), element("figcaption", _caption(picture)))
+
+
+def _shown(picture: PngPicture) -> Html:
     source = f"data:image/png;base64,{b64encode(picture.png).decode('ascii')}"
     image = element("img", src=source, alt=picture.alternative)
-    shown, caption = element("div", image, class_="wide", tabindex="0"), picture.caption
-    if picture.zoomed:
-        content = element("script", Html(picture.zoomed), type="application/json")
-        shown = join(element("div", content, class_="wide zoom"), element("noscript", shown))
-        caption += _HOW_TO_ZOOM
-    return element("figure", shown, element("figcaption", caption))
+    shown = element("div", image, class_="wide", tabindex="0")
+    if not picture.zoomed:
+        return shown
+    content = element("script", Html(picture.zoomed), type="application/json")
+    return join(element("div", content, class_="wide zoom"), element("noscript", shown))
+
+
+def _caption(picture: PngPicture) -> str:
+    return picture.caption + (_HOW_TO_ZOOM if picture.zoomed else "")
 
 
 def _of_device(recording: Recording, name: str) -> Any:

@@ -54,10 +54,17 @@ def zoomed(figure: Figure) -> str:
             **({"matches": "x", "showticklabels": bool(panel.get_xlabel())} if timed and k > 1 else {}),
         }  # fmt: skip
         layout[f"yaxis{number}"] = {
-            "domain": [bottom, top], "anchor": f"x{number}", "zeroline": False, "title": {"text": panel.get_ylabel()},
+            "domain": [bottom, top], "anchor": f"x{number}", "zeroline": False,
+            "title": {"text": panel.get_ylabel(), "font": {"size": 10}},
             **({} if timed else {"scaleanchor": f"x{number}"}),
         }  # fmt: skip
-        layout[f"legend{number}"] = {"x": left, "y": top, "yanchor": "bottom", "orientation": "h"}
+        layout[f"legend{number}"] = {
+            "x": left,
+            "y": top,
+            "yanchor": "bottom",
+            "orientation": "h",
+            "bgcolor": "rgba(0, 0, 0, 0)",
+        }
         axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "legend": f"legend{number}"}
         data += [{**trace, **axes} for trace in _traces(panel)]
         layout["shapes"] += _shapes(panel, number)
