@@ -25,7 +25,7 @@ FACTORS = {  # a unit on the page: the ends of names in a summary or of paramete
     "kHz": {"_hz": 1e-3}, "%": {"_loss": 100.0, "_percent": 1.0, "loss": 100.0},
 }  # fmt: skip
 FIGURE = re.compile(r"(?<![\w.,/-])(-?\d[\d,]*(?:\.\d+)?)\s?(mJ|J|N/m|N|mm|ms|s|kHz|Hz|%)(?![\w/²])")
-SAID = {"100 N/m": "device.stiffness of the comparison's first cases"}
+ELSEWHERE = {"100 N/m": "device.stiffness of the comparison's first cases"}
 """Figures that are no value of a run by themselves, and where they come from."""
 
 
@@ -97,7 +97,7 @@ def unknown(text: str) -> list[str]:
             )
             words = f"{number} {unit}"
             in_row = any(fits(number, float(value)) for value in re.findall(r"\d[\d.]*", row))
-            if not (in_row if row else known or words in SAID or number + unit in asked):
+            if not (in_row if row else known or words in ELSEWHERE or number + unit in asked):
                 wrong.append(words)
     return wrong
 
@@ -144,10 +144,10 @@ def test_the_output_in_readme_is_what_its_command_prints(tmp_path: Path, monkeyp
 
 
 def test_the_comparisons_page_has_the_figures_of_its_cases() -> None:
-    """What came out at most, and the medians over hands, for a world that lies and at a wall that moves."""
+    """What came out at most, and the medians over hands, for a world that sends false planes and at a wall that moves."""
     page = COMPARISON.read_text("utf-8")
     for (world, coupling), rows in of_couplings():
-        section = page.split("\n## A world that lies" if world == "lying" else "\n## A wall that moves and softens")[1]
+        section = page.split("\n## A world that sends false planes" if world == "lying" else "\n## A wall that moves and softens")[1]
         (found,) = re.findall(rf"(?m)^\| `{coupling}` \|(.*) \|$", section.partition("\n## ")[0])
         *_, about, out = found.split(" | ")
         most = [max(float(row[name]) for row in rows) for name in ("out_mJ", "hand_out_mJ", "world_out_mJ")]

@@ -105,7 +105,7 @@ def test_what_readme_and_examples_show_has_strict_types(tmp_path: Path) -> None:
         pytest.skip(f"pyright is not to be had: {(done.stderr or done.stdout).strip()[-200:]}")
     found = json.loads(done.stdout)
     assert not [each for each in found["generalDiagnostics"] if each["severity"] == "error"]
-    assert found["summary"]["filesAnalyzed"] == len(list(tmp_path.rglob("*.py"))) > len(shown) >= 2
+    assert found["summary"]["filesAnalyzed"] == len(list(tmp_path.rglob("*.py"))) > len(shown) >= 1
 
 
 def text(name: str) -> str:
