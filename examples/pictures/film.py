@@ -1,4 +1,5 @@
-"""The page of `hapnet play` as a moving picture: a mouse leads the hand into the wall, through two couplings.
+"""The page of `hapnet play` as a moving picture: a mouse leads the hand into the wall, through two couplings
+side by side.
 
 The page is the real page, in a browser. Device and world run in virtual time, which stands still while a picture is
 taken, so the film is the same on every machine, however slowly the browser draws.
@@ -11,14 +12,14 @@ import json
 import math
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from hapnet.checks import Vector
 from hapnet.ext.page import page as live_page
@@ -28,11 +29,14 @@ from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.operator import Impedance
 from hapnet.recording.samples import Event
 from hapnet.recording.telemetry import KnownPlanes, Status
-from hapnet.simulation.simulation import Simulation
+from hapnet.simulation.simulation import Simulation, simulate
+from hapnet.summary.reported import values_of
 
 LINK = "delay 40ms 10ms loss 2%"
 FRAME_NS = 150_000_000
-SIZE = (1080, 630)  # of the browser's window
+SECOND_NS = 1_000_000_000
+SIZE = (560, 600)  # of each browser's window
+GAP = 4  # between the windows
 CAPTION = 40  # height of the words below it
 COLOURS = 40
 KEPT = bytes.fromhex(
@@ -50,6 +54,15 @@ dot.style.cssText = 'position:fixed;z-index:9999;pointer-events:none;left:-99px'
 addEventListener('DOMContentLoaded', () => document.body.append(dot));
 addEventListener('pointermove', e => { dot.style.left = e.clientX + 'px'; dot.style.top = e.clientY + 'px'; }, true);
 """
+NOT_GREY = """
+addEventListener('DOMContentLoaded', () => {
+  const style = document.createElement('style');
+  style.textContent = '.hapnet-drawn-0, .hapnet-drawn-1 { animation: none !important; filter: none !important; }';
+  document.head.append(style);
+});
+"""
+"""Numbers do not turn grey while the pair stands still for a picture."""
+
 PAINTED = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
@@ -67,10 +80,10 @@ ACTS = (
     Act(
         "pspm",
         "hapnet",
-        4.5,
-        "hapnet: the mouse pulls the handle (blue) into a wall 40 ms away; it is felt, nothing shakes",
+        6.0,
+        "hapnet: the wall is felt, nothing shakes",
     ),
-    Act("zoh", "paper", 6.0, "zoh, a plain virtual coupling: it gives out energy, and the hand shakes with 3 N"),
+    Act("zoh", "paper", 6.0, "a plain spring: the hand shakes"),
 )
 
 
@@ -95,35 +108,55 @@ class Untouched:
 
 
 def film(file: Path, frame_ns: int = FRAME_NS) -> None:
-    """Write the film as a GIF, with a frame every `frame_ns`; its comment has what the page says at each act's end."""
+    """Write the film as a GIF, with a frame every `frame_ns`: the acts side by side. Its comment has the page's words
+    at the end of each act."""
     live_page.SILENT_S = math.inf  # the pair stands still while a picture is taken; this must not count as silence
-    history, pictures, said = History(), list[Image.Image](), set[str]()
-    with serve(history, Untouched(), port=0, frame_s=0.1) as server, sync_playwright() as driver:
+    texts = set[str]()
+    with sync_playwright() as driver:
         browser = driver.chromium.launch(
             executable_path=shutil.which("chromium") or shutil.which("google-chrome"),
             args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
         )
+        acts = [_filmed(browser, act, frame_ns, texts) for act in ACTS]
+        browser.close()
+    pictures = [_beside(halves) for halves in zip(*acts, strict=True)]
+    _save(file, pictures, frame_ns, json.dumps({"texts": sorted(texts), "curves": []}, ensure_ascii=False))
+
+
+def _filmed(browser: Browser, act: Act, frame_ns: int, texts: set[str]) -> list[Image.Image]:
+    """The pictures of an act, on a page of its own; adds the page's words to `texts`."""
+    history, pictures = History(), list[Image.Image]()
+    with serve(history, Untouched(), port=0, frame_s=0.1) as server:
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         page.set_default_timeout(LIMIT_MS)
         page.add_init_script(POINTER)
-        for number, act in enumerate(ACTS):
-            for seconds in _played(history, act, number, frame_ns):
-                if not pictures:
-                    page.goto(server.url)
-                    expect(page.locator(".hapnet-state")).to_have_text("running", timeout=LIMIT_MS)
-                    page.wait_for_timeout(3000)
-                    page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
-                    page.wait_for_timeout(1000)
-                _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
-                if len(pictures) == 1:  # the handle is held to the end
-                    page.mouse.down()
-                page.wait_for_timeout(400)
-                page.evaluate(PAINTED)
-                pictures.append(_framed(page.screenshot(), act.words))
-            page.wait_for_timeout(2000)
-            said |= {act.words, *_words(page.locator("body").inner_text())}
-        browser.close()
-    _save(file, pictures, frame_ns, json.dumps({"texts": sorted(said), "curves": []}, ensure_ascii=False))
+        page.add_init_script(NOT_GREY)
+        for seconds in _played(history, act, frame_ns):
+            if not pictures:
+                page.goto(server.url)
+                expect(page.locator(".hapnet-state")).to_have_text("running", timeout=LIMIT_MS)
+                page.wait_for_timeout(3000)
+                page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
+                page.wait_for_timeout(1000)
+            _point(page, Mouse(1, Impedance(0.0, 0.0, 0.0)).reference(seconds)[0])
+            if len(pictures) == 1:  # the handle is held to the end
+                page.mouse.down()
+            page.wait_for_timeout(400)
+            page.evaluate(PAINTED)
+            pictures.append(_framed(page.screenshot(), act.words))
+        page.wait_for_timeout(2000)
+        texts |= {act.words, *_words(page.locator("body").inner_text())}
+        page.close()
+    return pictures
+
+
+def _beside(halves: Sequence[Image.Image]) -> Image.Image:
+    """The pictures side by side, with a line between them."""
+    width, height = halves[0].size
+    whole = Image.new("RGB", ((width + GAP) * len(halves) - GAP, height), "#111827")
+    for number, half in enumerate(halves):
+        whole.paste(half, (number * (width + GAP), 0))
+    return whole
 
 
 def _words(text: str) -> set[str]:
@@ -132,7 +165,7 @@ def _words(text: str) -> set[str]:
     return {line for line in lines if re.search(r"[a-z]{2}", line)}
 
 
-def _played(history: History, act: Act, number: int, frame_ns: int) -> Iterator[float]:
+def _played(history: History, act: Act, frame_ns: int) -> Iterator[float]:
     """Send the pair's samples to the page, frame by frame; yields the time of each frame [s]."""
     changes = {
         "coupling": act.coupling,
@@ -141,27 +174,31 @@ def _played(history: History, act: Act, number: int, frame_ns: int) -> Iterator[
         "device.servo": "sampled",
     }
     links = {"link.up": LINK, "link.down": LINK, "duration_s": act.duration_s, "record_hz": 60.0}
-    run = Simulation(Params().set({**RELAXED_HAND, **changes, **links}), seed=1, kernel=False)
+    params = Params().set({**RELAXED_HAND, **changes, **links})
+    run = Simulation(params, seed=1, kernel=False)
     recording = run.run().recording
+    accounts = [
+        simulate(params.set({"duration_s": second + 1.0}), seed=1).summary for second in range(int(act.duration_s))
+    ]
     samples = [sample for sample in recording.samples() if not isinstance(sample, Event)]
-    first_ns, offset_ns = samples[0].time_ns, number * 60_000_000_000
-    due_ns = frame_ns
-    for role in ("device", "world"):
-        history.take(_status(recording.meta, role, number, act))
+    first_ns, due_ns = samples[0].time_ns, frame_ns
     history.take(KnownPlanes(run.device_endpoint.planes if act.rendering == "hapnet" else None))
     for sample in samples:
         if sample.time_ns - first_ns > due_ns:
+            for role in ("device", "world"):
+                account = {} if due_ns < SECOND_NS else values_of(accounts[due_ns // SECOND_NS - 1], role)
+                history.take(_status(recording.meta, role, act, account))
             yield due_ns / 1e9
             due_ns += frame_ns
-        history.take(sample._replace(time_ns=sample.time_ns + offset_ns))
+        history.take(sample)
 
 
-def _status(meta: Any, role: Any, number: int, act: Act) -> Status:
+def _status(meta: Any, role: Any, act: Act, account: Mapping[str, Any]) -> Status:
     about = {**meta, "role": role, "clock": "virtual", "name": "device", "session": "play"}
     link = {"profile": LINK, "delay_now_ms": 40.0, "loss_now": 0.02}
     heard = {"up": {"loss": 0.02}, "down": None} if role == "world" else {"up": None, "down": {"loss": 0.02}}
     path = {"round_trip_p50_ms": 80.0, **heard}
-    return Status(role, 0, number + 1, True, False, "", about, link, path)
+    return Status(role, 0, 1, True, False, "", about, link, path, account)
 
 
 def _eased(share: float) -> float:
@@ -172,7 +209,7 @@ def _eased(share: float) -> float:
 def _point(page: Page, x_m: float) -> None:
     """Move the pointer to a place on the first axis, 24 units of 10 mm away, with a field of view of 30 degrees."""
     left, top, width, height = page.evaluate(
-        "() => { const b = document.querySelector('canvas').getBoundingClientRect();"
+        "() => { const b = document.querySelector('canvas[data-engine]').getBoundingClientRect();"
         " return [b.x, b.y, b.width, b.height]; }"
     )
     per_m = height / 2.0 / (0.24 * math.tan(math.radians(15.0)))

@@ -144,10 +144,12 @@ def test_the_output_in_readme_is_what_its_command_prints(tmp_path: Path, monkeyp
 
 
 def test_the_comparisons_page_has_the_figures_of_its_cases() -> None:
-    """What came out at most, and the medians over hands, for a world that sends false planes and at a wall that moves."""
+    """What came out at most, and the medians over hands, with false planes and at a wall that moves."""
     page = COMPARISON.read_text("utf-8")
     for (world, coupling), rows in of_couplings():
-        section = page.split("\n## A world that sends false planes" if world == "lying" else "\n## A wall that moves and softens")[1]
+        section = page.split(
+            "\n## A world that sends false planes" if world == "lying" else "\n## A wall that moves and softens"
+        )[1]
         (found,) = re.findall(rf"(?m)^\| `{coupling}` \|(.*) \|$", section.partition("\n## ")[0])
         *_, about, out = found.split(" | ")
         most = [max(float(row[name]) for row in rows) for name in ("out_mJ", "hand_out_mJ", "world_out_mJ")]

@@ -21,9 +21,23 @@ from PIL.PngImagePlugin import PngInfo
 
 EXAMPLES = ROOT / "examples"
 QUICK = {"run.png", "compare.png", "peg.gif"}
-"""README's pictures; the others take longer."""
+"""They are drawn again in the default run, the others in the slow one."""
+
+MINUTES = {"credit.png", "ten-minutes.png", "tune.png"}
+"""They take minutes each, and are drawn again by hand."""
 
 DRAWN = [recipe for recipe in RECIPES if not set(recipe.pictures) & {compare.FILE.name}]
+
+
+def marks(recipe: Recipe) -> list[pytest.MarkDecorator]:
+    names = set(recipe.pictures)
+    return (
+        []
+        if names <= QUICK
+        else [pytest.mark.soak, pytest.mark.timeout(3600)]
+        if names <= MINUTES
+        else [pytest.mark.slow]
+    )
 
 
 def changed_by_hand(directory: Path) -> list[str]:
@@ -77,12 +91,8 @@ def test_a_change_by_hand_is_found(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "recipe",
-    [
-        pytest.param(each, id="+".join(each.pictures), marks=[] if set(each.pictures) <= QUICK else [pytest.mark.slow])
-        for each in DRAWN
-    ],
+    [pytest.param(each, id="+".join(each.pictures), marks=marks(each)) for each in DRAWN],
 )
-@pytest.mark.timeout(3600)
 def test_a_picture_shows_what_its_commands_draw_today(recipe: Recipe, tmp_path: Path) -> None:
     for module in ("igl", "mujoco", "numba") if "--scene" in " ".join(recipe.commands) else ():
         pytest.importorskip(module, reason=f"{module} is not installed")
