@@ -1,6 +1,6 @@
 """A position-controlled arm as the world: it takes 30 to 100 positions a second. Inverse kinematics by mink.
 
-pip install 'hapnet-haptics[mujoco]' mink daqp
+pip install mujoco mink daqp
 hapnet play --scene examples.position_arm:Arm              # the mouse is the hand
 python examples/position_arm.py                            # energy taken by damping: the arm's own loop is not passive
 """

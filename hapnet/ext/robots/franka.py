@@ -37,6 +37,7 @@ from hapnet.ext.robots.franka_torques import (
     TorqueBalance,
     Torques,
 )
+from hapnet.installing import install_command
 
 EARLY_S = 0.3e-3
 """The binding holds Python's lock while it waits for a state. So it is called only so long before the next [s]."""
@@ -138,7 +139,7 @@ class Franka(Driver):
     def missing(cls) -> str:
         if find_spec("pylibfranka") is not None:
             return ""
-        return "pylibfranka (Linux, Python 3.11 or 3.12): pip install 'hapnet-haptics[franka]'"
+        return f"pylibfranka (Linux, Python 3.11 or 3.12): {install_command('pylibfranka')}"
 
     def home(self) -> None:
         """Set the thresholds of the robot's reflexes. Nothing moves.
