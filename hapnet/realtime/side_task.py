@@ -153,7 +153,7 @@ class SideTask:
         """Return why this side is not passive by its own account and the verdict's rules; empty: it is."""
         coupling = self.side.setup.params.coupling
         if not jointly_passive(coupling) and sample.margin_J < -ROUNDING_J:
-            return f"the {self.side.role}'s half: margin {1e3 * sample.margin_J:.4g} mJ"
+            return f"the margin of the {self.side.role}'s half fell to {1e3 * sample.margin_J:.4g} mJ"
         if has_reservoirs(coupling) and sample.slack_J < -ROUNDING_J:
             return f"the {self.side.role}'s half of the theorem fails by {-1e3 * sample.slack_J:.4g} mJ"
         return ""

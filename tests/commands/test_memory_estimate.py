@@ -15,10 +15,10 @@ from hapnet.params import Params
 @pytest.mark.parametrize(
     ("argv", "says"),
     [
-        (["--seeds", "0:1000000000"], "hapnet: seeds is range(0, 1000000000); allowed: at most "),
-        (["--duration", "1e9", "--no-files"], "hapnet: duration_s is 1000000000.0; allowed: at most "),
-        (["--duration", "1e12", "--no-files"], "hapnet: duration_s is 1000000000000.0; allowed: 0 to 1e+09"),
-        (["--duration", "1e12", "--seeds", "0:2"], "hapnet: duration_s is 1000000000000.0; allowed: 0 to 1e+09"),
+        (["--seeds", "0:1000000000"], "hapnet: --seeds is range(0, 1000000000); allowed: at most "),
+        (["--duration", "1e9", "--no-files"], "hapnet: --duration is 1000000000.0; allowed: at most "),
+        (["--duration", "1e12", "--no-files"], "hapnet: --duration is 1000000000000.0; allowed: 0 to 1e+09"),
+        (["--duration", "1e12", "--seeds", "0:2"], "hapnet: --duration is 1000000000000.0; allowed: 0 to 1e+09"),
     ],
 )
 def test_what_no_memory_holds_is_one_line_and_exit_code_2(

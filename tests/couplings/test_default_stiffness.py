@@ -99,6 +99,10 @@ class Fast:
     dof, force_limit, resolution = 1, 3.3, 0.0
     greatest_speed, stiffness_range = 3.0, (1.0, 1500.0)
 
+    def __init__(self, dof: int) -> None: ...
+    def read(self, now_ns: int) -> tuple[float, ...]: ...
+    def apply(self, force: tuple[float, ...]) -> None: ...
+
 
 def test_what_a_device_declares_counts_for_the_reserve() -> None:
     made = choosing(Params().set({"hardware": "tests.couplings.test_default_stiffness:Fast"}), spring).device

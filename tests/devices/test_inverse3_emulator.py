@@ -163,7 +163,7 @@ def test_what_is_no_websocket_is_no_device() -> None:
         assert caller.receive(0.0) == []
         connection, _ = server.accept()
         connection.sendall(b"SSH-2.0-no websocket\r\n" * 10)
-        with pytest.raises(DeviceSilent, match="has gone"):
+        with pytest.raises(DeviceSilent, match="closed the connection"):
             hear(caller)
         connection.close()
         caller.close()

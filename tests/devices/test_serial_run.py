@@ -109,7 +109,7 @@ def test_an_axis_that_is_killed_may_come_back(tmp_path: Path) -> None:
         with started("run", "--device", emulator.device, "--duration", 8, "--json", "-", "--out", tmp_path) as program:
             program.until_line("running: ")
             emulator.kill()
-            program.until_line("has gone")
+            program.until_line("was disconnected")
             with Emulator("serial", tmp_path):
                 program.until_line("is back after")
                 code, stdout, stderr = program.end()

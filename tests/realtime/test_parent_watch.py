@@ -124,7 +124,7 @@ def test_a_force_that_nobody_could_end_is_none_at_once_and_then_grows() -> None:
 def test_the_verdict_says_for_how_long() -> None:
     found = judge(but({"device.servo": {"withheld_s": 3.21}}))
     assert found["passive"] is True
-    assert found["reason"].endswith("no force for 3.2 s: the process of the device's network stood still")
+    assert found["reason"].endswith("no force for 3.2 s: the device's network process was stopped")
     assert "no force" not in judge(but({"device.servo": {"withheld_s": 0.0}}))["reason"]
 
 

@@ -71,6 +71,8 @@ class Unplugged:
     def __init__(self, dof: int) -> None:
         raise OSError("no such device")
 
+    read = apply = print
+
 
 class Running:
     """A servo's process and what came from it."""
@@ -382,7 +384,7 @@ def test_ctrl_c_is_its_parents_affair_and_sigterm_ends_it_with_zero_force(runnin
 
 
 def test_a_class_of_the_script_itself_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["__main__"], "Mine", object, raising=False)
+    monkeypatch.setattr(sys.modules["__main__"], "Mine", Unplugged, raising=False)
     setup = prepare(Params().set({"hardware": "__main__:Mine", "scene": "free"}), "sampled")
     with pytest.raises(InvalidParameter, match="in a module of its own"):
         ServoProcess(setup, device_session(setup, 7), ControlCallbacks(print, print, print, print))

@@ -203,9 +203,11 @@ def test_own_law() -> None:
     assert "gave out at most" in run("own_law", cwd=ROOT)
 
 
-@pytest.mark.parametrize(("name", "says"), [("examples.own_law:Tuning", "this is a type"), ("nowhere:X", "No module")])
+@pytest.mark.parametrize(
+    ("name", "says"), [("examples.own_law:Tuning", "this is a type"), ("nowhere:X", "cannot import module 'nowhere'")]
+)
 def test_a_law_that_is_none_is_refused_with_its_name(name: str, says: str) -> None:
-    with pytest.raises(hapnet.InvalidParameter, match=rf"coupling is '{name}'; allowed: one of pspm, .*{says}"):
+    with pytest.raises(hapnet.InvalidParameter, match=rf"coupling (is )?'?{name}.*{says}"):
         hapnet.simulate(hapnet.Params(coupling=name), seed=1)
 
 

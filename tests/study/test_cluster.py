@@ -84,7 +84,7 @@ def test_a_scheduler_that_goes_away_ends_it_and_it_can_go_on(tmp_path: Path) -> 
             if done:
                 os.killpg(scheduler.process.pid, signal.SIGKILL)
 
-        with pytest.raises(HapnetError, match=f"the Dask scheduler at {address} is gone"):
+        with pytest.raises(HapnetError, match=f"the connection to the Dask scheduler at {address} is lost"):
             Sweep(journal, backend, progress).run()
         backend.close()
     assert 0 < journal.count()[1] < 40

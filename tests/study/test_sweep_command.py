@@ -172,7 +172,7 @@ def test_parameters_that_a_scene_does_not_read_are_refused(directory: Path, caps
         (["study.toml", "--workers", "-1"], "--workers"),
         (["study.toml", "--dask", "here"], "--dask is 'here'; allowed: a scheduler's address"),
         (["study.toml", "--dask", "tcp://127.0.0.1:9", "--workers", "2"], "the cluster has its own"),
-        (["study.toml", "--out", "study.toml"], "--out must name a directory"),
+        (["study.toml", "--out", "study.toml"], "--out: cannot write to study.toml: it is a file, not a directory"),
         ([], "Missing argument 'SPEC.toml'"),
         (["plot"], "Missing argument 'DIRECTORY'"),
         (["plot", "nowhere"], f"no sweep in nowhere: it has no {NAME}"),

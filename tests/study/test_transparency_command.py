@@ -25,15 +25,15 @@ def test_a_local_model_transmits_the_wall_up_to_20_hz_over_a_delay_and_a_wave_do
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["--coupling", "best"], "coupling"),
-        (["--set", "coupling=zoh"], "coupling"),
-        (["--set", "link.up=4g"], "link.up"),
+        (["--coupling", "best"], "--coupling"),
+        (["--set", "coupling=zoh"], "--set: coupling"),
+        (["--set", "link.up=4g"], "--set: link.up"),
         (["--link", "moon"], "--link"),
         (["--seeds", "3:3"], "--seeds"),
         (["--motion", "along-z"], "--motion"),
         (["--scene", "tool:box", "--motion", "up"], "--motion"),
         (["--scene", "tool:box", "--z-width"], "--z-width"),
-        (["--scene", "tool:box", "--coupling", "wave"], "coupling"),
+        (["--scene", "tool:box", "--coupling", "wave"], "--coupling"),
     ],
 )
 def test_what_is_wrong_is_one_line(words: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -53,7 +53,7 @@ def test_both_lines_have_the_numbers_of_an_independent_account(
     """Energies of forces and ways that were watched; two springs and a wall in a row."""
     changes: dict[str, object] = {"coupling": coupling, "link.up": link, "link.down": link, "duration_s": 8.0}
     changes |= {"operator": hand, "device.servo": "sampled", "device.substeps": 1, **more}
-    simulation = Simulation(Params().set(changes), 4)
+    simulation = Simulation(Params().set(changes), 4, kernel=False)
     params = simulation.setup.params
     witness = Witness(simulation)
     summary: Any = simulation.run().summary

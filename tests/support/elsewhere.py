@@ -136,6 +136,7 @@ def main(platform: str, words: list[str]) -> int:
         "hapnet.realtime.runner",
         "hapnet.cli",
         "netem.aio",
+        "rich.console",  # it would look for the console of Windows
     ):
         importlib.import_module(name)
     with contextlib.redirect_stdout(io.StringIO()):  # what reads the command line is imported then

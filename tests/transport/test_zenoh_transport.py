@@ -226,7 +226,7 @@ async def test_other_names_are_not_partners_and_two_of_one_name_are_seen() -> No
     twins = [Side("device", ZenohSettings(connect=(endpoint,)), session="s", device="left") for _ in range(2)]
     async with opened(world, stranger, *twins):
         await world.until_partners(2)
-        assert "2 of the device" in world.transport.status
+        assert "2 devices answer" in world.transport.status
         assert world.transport.peers == 3
         stranger.transport.put("control", b"not for you")
         twins[0].transport.put("control", b"for you")

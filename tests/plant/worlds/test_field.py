@@ -143,7 +143,7 @@ def test_the_examples_run_over_a_link(field: str, capsys: pytest.CaptureFixture[
     scene = f"sdf:examples.fields:{field}"
     argv = ["simulate", "--scene", scene, "--operator", "hand-6", "--link", "4g", "--duration", "2", "--no-files"]
     assert cli.main(argv) == 0
-    assert capsys.readouterr().out.startswith("passive")
+    assert capsys.readouterr().out.startswith("PASSIVE")
 
 
 # -- words -------------------------------------------------------------------------------------------------------------
