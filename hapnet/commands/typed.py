@@ -64,7 +64,7 @@ def in_words_of(text: str, typed: Mapping[str, str], *, within: bool = True) -> 
     module's name and a colon.
     """
     place = r"(?:[\w.]+: )?" if within else ""
-    found = re.match(rf"({place}unknown )?([\w.]+)(?= is | '| [^ ]+: )", text)
+    found = re.match(rf"({place}unknown )?([\w.]+)(?= is | '| [^ ]+: | [^ ]+(?: \+ [^ ]+)* is )", text)
     flag = None if found is None else typed.get(found[2])
     if found is None or flag is None:
         return text
