@@ -58,7 +58,7 @@ class Reindexing:
     def led(self, coupling: CouplingState, sample: CouplingSample, came_ns: int) -> CouplingSample:
         """The leader's sample, which came at `came_ns`, in the coordinates of the robot's coupling.
 
-        If the leader was away, the robot's set-position stays where it is.
+        If the leader was disconnected, the robot's set-position stays where it is.
         """
         before_ns, self._came_ns, self._paused = self._came_ns, came_ns, False
         if not self._meets:

@@ -95,7 +95,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
         "jump at {speed} m/s, and it declares at most {limit} m/s",
     ),
     "blur": Cause(
-        None, 0, "the {whose}encoders blur the account by up to {energy} mJ, over the margin of {margin} mJ"
+        None, 0, "the {whose}encoders are coarse: the account may be off by {energy} mJ, over the margin of {margin} mJ"
     ),
     "world failed": Cause(None, FAILED, "the world failed, and its own account is not known: {why}"),
     "world's account": Cause(

@@ -8,7 +8,7 @@ below zero, or energy was credited that was never sent. Not known: everything th
 of the account is missing (a side, the end of a torn recording, the process before a restart, one clock for both ports),
 or something happened that the account does not cover (energy that was credited before it was sent, or messages that a
 third party sent in a side's name; a deficit, a servo that stalled, a speed above the declared speed, a force that was
-stopped because a reading was impossible, encoders that blur more than the margin, an energy stream without
+stopped because a reading was impossible, encoders too coarse for the margin, an energy stream without
 acknowledgements), or the world's own account is not finite.
 
 If a force was held too long because the servo stalled, the servo and not the coupling gave out that energy: it breaks

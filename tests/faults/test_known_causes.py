@@ -105,7 +105,7 @@ RUNS: dict[str, tuple[tuple[str, ...], Known]] = {
     ),
     "encoders of 10 mm": (
         (*DEVICE, "drivers:Coarse", "--set", "device.self_test_N=0", *LITTLE),
-        known("blur", code=0, says="^PASSIVITY NOT KNOWN: .*the encoders blur", also=("speed",)),
+        known("blur", code=0, says="^PASSIVITY NOT KNOWN: .*the encoders are coarse", also=("speed",)),
     ),
     "a device that repeats readings": (
         (*DEVICE, "drivers:Steps"),

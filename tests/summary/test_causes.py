@@ -98,7 +98,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "blur": (
         {"device.quantisation_J": 0.11},
-        "the encoders blur the account by up to 110 mJ, over the margin of 100 mJ",
+        "the encoders are coarse: the account may be off by 110 mJ, over the margin of 100 mJ",
     ),
     "world failed": (
         {"world.failed": "no strength"},

@@ -109,12 +109,18 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
         {"world.stopped": {"after_s": 2.5, "why": "it is hot", "asked": False}},
         "the follower's force was stopped after 2.5 s: it is hot",
     ),
-    "follower's blur": ({"world.quantisation_J": 0.11}, "the follower's encoders blur the account by up to 110 mJ"),
+    "follower's blur": (
+        {"world.quantisation_J": 0.11},
+        "the follower's encoders are coarse: the account may be off by 110 mJ",
+    ),
     "follower's speed": (
         {"world.speed_max_mps": 2.0, "world.speed_limit_mps": 1.0},
         "the follower moved at 2 m/s, and declares at most 1 m/s",
     ),
-    "blur": ({"device.quantisation_J": 0.11}, "the encoders blur the account by up to 110 mJ, over the margin of"),
+    "blur": (
+        {"device.quantisation_J": 0.11},
+        "the encoders are coarse: the account may be off by 110 mJ, over the margin of",
+    ),
     "servo away": ({"device.overrun_leak_J": 0.0058}, "watchdog_s: 5.8 mJ came out beyond the account"),
     "world's account": ({"environment": {"env_diverged": True}}, "the world's own account is not finite"),
     "failed at once": ({"world.failed": "no strength"}, "the world failed, and its own account is not known: no s"),
