@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 EXAMPLES = ROOT / "examples"
-QUICK = {"run.png", "compare.png", "peg.gif"}
+QUICK = {"run.png", "compare.png"}
 """They are drawn again in the default run, the others in the slow one."""
 
 MINUTES = {"credit.png", "ten-minutes.png", "tune.png"}
