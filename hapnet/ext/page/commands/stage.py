@@ -223,12 +223,14 @@ class PairSequence:
         self._history.end(Episode(params.coupling, params.rendering, verdict))
         self._episodes += 1
         label, seconds = label_of(params.coupling, params.rendering), summary["duration_s"] or 0.0
+        line, warnings = headline(summary)
         self._words.print(
-            f"{self._episodes}: {label}, {seconds:.0f} s: {headline(summary)[0]}",
+            f"{self._episodes}: {label}, {seconds:.0f} s: {line}",
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )
         output.show_fact(self._words, summary)
+        output.show_warnings(self._words, warnings)
         return summary
 
     def _lead(self, position: Vector) -> None:
