@@ -28,17 +28,17 @@ LINKS: dict[Role, tuple[str, float, float]] = {
 
 
 def printed_commands() -> tuple[dict[Role, list[str]], str]:
-    """README's pair, or the first of the pages, without the program's name, and the world's address in it."""
-    for page in (ROOT / "README.md", *sorted((ROOT / "hapnet").rglob("*.md"))):
-        world = re.search(r"^hapnet world +-l tcp/0\.0\.0\.0:\d+ .*$", page.read_text("utf-8"), re.MULTILINE)
-        device = re.search(r"^hapnet device +-e tcp/([\d.]+):\d+ .*$", page.read_text("utf-8"), re.MULTILINE)
-        if world is not None and device is not None:
-            found: dict[Role, list[str]] = {
-                "world": shlex.split(world[0], comments=True)[1:],
-                "device": shlex.split(device[0], comments=True)[1:],
-            }
-            return found, device[1]
-    raise AssertionError("no page prints the commands for two hosts")
+    """The first pair of commands on the page of tasks, without the program's name, and the world's address in it."""
+    page = (ROOT / ".site" / "pages" / "how_to.md").read_text("utf-8")
+    world = re.search(r"^hapnet world +-l tcp/0\.0\.0\.0:\d+ .*$", page, re.MULTILINE)
+    device = re.search(r"^hapnet device +-e tcp/([\d.]+):\d+ .*$", page, re.MULTILINE)
+    assert world is not None
+    assert device is not None
+    found: dict[Role, list[str]] = {
+        "world": shlex.split(world[0], comments=True)[1:],
+        "device": shlex.split(device[0], comments=True)[1:],
+    }
+    return found, device[1]
 
 
 def start(host: Host, directory: Path, words: Sequence[str], role: Role) -> Program:

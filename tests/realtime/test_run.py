@@ -150,7 +150,7 @@ def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, more: t
         assert not program.alive
     assert got == code
     assert not stderr
-    assert "passive" in stdout
+    assert "PASSIVE" in stdout
     summary = read_json(tmp_path / "s.json")
     assert summary["energy"]["up"]["sent_nJ"] > 0
     assert_accounts_agree(summary)
