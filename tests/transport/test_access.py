@@ -268,7 +268,7 @@ def test_both_commands_with_certificates_users_and_access_control(
     ):
         for code, stdout, stderr in (world.end(), device.end()):
             assert (code, stderr) == (0, "")
-            assert "warning" not in stdout
+            assert "identity is not proven" not in stdout
     ends = {role: read_json(tmp_path / f"{role}.json") for role in ("device", "world")}
     sent = ends["device"]["device"]["sent_nJ"]
     assert sent > 0
