@@ -120,10 +120,10 @@ def test_it_shows_scene_plots_and_numbers(browser: Browser, tmp_path: Path) -> N
         expect(page.locator(".uplot")).to_have_count(4)
         expect(page.locator(".hapnet-front tr")).to_have_count(5)
         for words in ("PSPM", "force on the hand", "round trip", "96.0 ms", "lost up, down", "3.0, 3.0 %"):
-            expect(page.get_by_text(words).first).to_be_visible()
+            expect(page.get_by_text(words).locator("visible=true").first).to_be_visible()
         page.get_by_text("more numbers").click()
         for words in ("spring K (y − x)", "link delay up, down", "42, 42 ms", "2.0, 2.0 %"):
-            expect(page.get_by_text(words).first).to_be_visible()
+            expect(page.get_by_text(words).locator("visible=true").first).to_be_visible()
         assert shown.server.watched
         assert keep(page, tmp_path, "page").stat().st_size > 10_000
 
