@@ -119,7 +119,7 @@ def ended(who: str, number: signal.Signals, moment: Moment, folder: Path) -> Non
         assert whole
         assert summary["verdict"]["passive"]
     if not killed and whole and code == 2:
-        assert f"the {'device' if who == 'servo' else who} ended before its time" in stdout
+        assert stdout.count(f"the {'device' if who == 'servo' else who} ended before its time") == 1
     print(f"{when}{' gone' if gone else ''}, {said[0]}")
 
 

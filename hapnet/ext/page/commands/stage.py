@@ -208,10 +208,10 @@ class PairSequence:
         return None if track is None or self._elsewhere else tuple(track.position_m[-1].tolist())
 
     def _report(self, params: Params, pair: Pair, *, last: bool) -> Summary | None:
-        """Print the verdict on a pair that has ended, and pass it to the page; returns its summary.
+        """Print the result of a pair that has ended, and pass its verdict to the page; returns its summary.
 
-        last : no other pair follows, so the summary is printed too. A process that was killed left no account; then
-        the summary has only the other process's report. Returns None if the pair was replaced before it ran.
+        last : no other pair follows. A process that was killed left no account; then the summary has only the other
+        process's report. Returns None if the pair was replaced before it ran.
         """
         if len(pair.parts) < 2 and not last:
             return None
@@ -223,14 +223,12 @@ class PairSequence:
         self._history.end(Episode(params.coupling, params.rendering, verdict))
         self._episodes += 1
         label, seconds = label_of(params.coupling, params.rendering), summary["duration_s"] or 0.0
-        line, warnings = headline(summary)
         self._words.print(
-            f"{self._episodes}: {label}, {seconds:.0f} s: {line}",
+            f"{self._episodes}: {label}, {seconds:.0f} s: {headline(summary)[0]}",
             style="red" if verdict["passive"] is False else None,
             markup=False,
         )
         output.show_fact(self._words, summary)
-        output.show_warnings(self._words, warnings)
         return summary
 
     def _lead(self, position: Vector) -> None:
