@@ -16,6 +16,7 @@ from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.side_events import SideEvent, event_of, own_event
 from hapnet.recording.samples import DeviceSample, Sample, WorldSample
 from hapnet.side.notices import Notice
+from hapnet.summary.causes import found
 from hapnet.summary.structure import Summary
 from hapnet.summary.verdict import ROUNDING_J, has_reservoirs
 
@@ -151,11 +152,11 @@ class SideTask:
 
     def _broken(self, sample: DeviceSample | WorldSample) -> str:
         """Return why this side is not passive by its own account and the verdict's rules; empty: it is."""
-        coupling = self.side.setup.params.coupling
+        coupling, role = self.side.setup.params.coupling, self.side.role
         if not jointly_passive(coupling) and sample.margin_J < -ROUNDING_J:
-            return f"the margin of the {self.side.role}'s half fell to {1e3 * sample.margin_J:.4g} mJ"
+            return found("half", side=role, margin=f"{1e3 * sample.margin_J:.4g}").text
         if has_reservoirs(coupling) and sample.slack_J < -ROUNDING_J:
-            return f"the {self.side.role}'s half of the theorem fails by {-1e3 * sample.slack_J:.4g} mJ"
+            return found("slack", side=role, energy=f"{-1e3 * sample.slack_J:.4g}").text
         return ""
 
     def _lose(self, why: str) -> None:
