@@ -128,10 +128,12 @@ class LinkOptions:
             words, name = None, words  # a profile that one property may be set on top of
         with _from("--profile" if self.link is None else "--link"):
             compose(words, name)
+        base = LinkProfile.named(default)
         for effect, given in self._effects.items():
-            with _from(f"--{effect}"):
-                compose(words, name, **{effect: given}, base=LinkProfile.named(default))
-        return str(compose(words, name, **self._effects, base=LinkProfile.named(default)))
+            if given is not None:
+                with _from(f"--{effect}"):
+                    compose(words, name, **{effect: given}, base=base)
+        return str(compose(words, name, **self._effects, base=base))
 
     @property
     def _effects(self) -> dict[str, str | None]:
