@@ -68,23 +68,18 @@ PAINTED = "() => new Promise(done => requestAnimationFrame(() => requestAnimatio
 
 @dataclass(frozen=True)
 class Act:
-    """A part of the film: a coupling, its duration, and the caption below the picture."""
+    """A half of the film: a coupling, and the caption below the picture."""
 
     coupling: str
     rendering: str
-    duration_s: float
     words: str
 
 
 ACTS = (
-    Act(
-        "pspm",
-        "hapnet",
-        6.0,
-        "hapnet: the wall is felt, nothing shakes",
-    ),
-    Act("zoh", "paper", 6.0, "a plain spring: the hand shakes"),
+    Act("pspm", "hapnet", "hapnet: the wall is felt, nothing shakes"),
+    Act("zoh", "paper", "a plain spring: the hand shakes"),
 )
+SECONDS = 6  # the duration of both
 
 
 class Mouse:
@@ -173,13 +168,11 @@ def _played(history: History, act: Act, frame_ns: int) -> Iterator[float]:
         "operator": f"{__name__}:Mouse",
         "device.servo": "sampled",
     }
-    links = {"link.up": LINK, "link.down": LINK, "duration_s": act.duration_s, "record_hz": 60.0}
+    links = {"link.up": LINK, "link.down": LINK, "duration_s": float(SECONDS), "record_hz": 60.0}
     params = Params().set({**RELAXED_HAND, **changes, **links})
     run = Simulation(params, seed=1, kernel=False)
     recording = run.run().recording
-    accounts = [
-        simulate(params.set({"duration_s": second + 1.0}), seed=1).summary for second in range(int(act.duration_s))
-    ]
+    accounts = [simulate(params.set({"duration_s": second + 1.0}), seed=1).summary for second in range(SECONDS)]
     samples = [sample for sample in recording.samples() if not isinstance(sample, Event)]
     first_ns, due_ns = samples[0].time_ns, frame_ns
     history.take(KnownPlanes(run.device_endpoint.planes if act.rendering == "hapnet" else None))

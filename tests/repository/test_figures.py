@@ -36,7 +36,7 @@ def prose(text: str) -> str:
 
 
 def fits(shown: str, value: float) -> bool:
-    """Is the number the value, rounded to as many digits?"""
+    """Whether the number is the value, rounded to as many digits."""
     digits = len(shown.partition(".")[2])
     number = float(shown.replace(",", ""))
     whole = shown.replace(",", "").lstrip("-")
