@@ -29,6 +29,9 @@ from tests.view.feed import FakeControls, Feed
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 SMALL = (940, 560)  # what is not looked at need not cost much
 SLOWER_S = 1.0 / 30.0  # a browser that draws without a graphics card falls behind at the page's own 60 Hz
+FITS = "width => document.querySelector('canvas[data-engine]').clientWidth <= width"
+"""Whether the scene has its size: beside a panel it is as wide as the whole window for up to some seconds."""
+NARROW, PANEL = 600, 200  # a window up to NARROW has its panel below the scene, others at least PANEL beside it
 LIMIT_MS = 180_000.0  # software rendering on a busy machine is slow
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here (Debian: apt install chromium)")
@@ -84,6 +87,7 @@ def opened(
             page.on("console", lambda line: errors.append(line.text) if _is_error(line) else None)
             page.goto(server.url)
             expect(page.locator(".hapnet-state")).to_have_text("running")
+            page.wait_for_function(FITS, arg=size[0] if size[0] <= NARROW else size[0] - PANEL)
             yield Open(page, controls, feed, server)
             page.close()
     assert errors == []
