@@ -18,10 +18,10 @@ COUPLING_NAMES = {"pspm": "PSPM", "zoh": "plain virtual coupling"}
 RUN = {
     "rendering": "paper",  # as published: without prediction or a local contact model
     "operator": "sine",
-    "operator_hand.mass": 0.1,  # kg, Ns/m, N/m: relaxed fingers
-    "operator_hand.damping": 0.5,
-    "operator_hand.stiffness": 20.0,
-    "operator_hand.frequency_hz": 1.0,
+    "operator_model.mass": 0.1,  # kg, Ns/m, N/m: relaxed fingers
+    "operator_model.damping": 0.5,
+    "operator_model.stiffness": 20.0,
+    "operator_model.frequency_hz": 1.0,
     "duration_s": 3.25,  # ends at the sine's crest, where the hand presses into the wall
 }
 

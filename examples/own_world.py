@@ -24,7 +24,7 @@ def main() -> None:
     changes = {
         "scene": f"{__name__}:corridor",
         "operator": "sine",
-        "operator_hand.frequency_hz": 0.2,
+        "operator_model.frequency_hz": 0.2,
         "link.up": "wifi",
         "link.down": "wifi",
     }

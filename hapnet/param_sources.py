@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hapnet.errors import InvalidParameter
+from hapnet.param_values import present_name
 
 DEFAULT = "default"
 """The source of a value that was not set."""
@@ -39,4 +40,4 @@ def read(table: object) -> dict[str, str]:
     for name, source in table.items():
         if not isinstance(source, str) or source not in SOURCES:
             raise InvalidParameter(f"sources.{name}", source, "one of " + ", ".join(sorted(SOURCES)), SOURCES)
-    return dict(table)
+    return {present_name(name): source for name, source in table.items()}

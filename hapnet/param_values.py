@@ -13,6 +13,16 @@ from typing import Any, Self, cast
 
 from hapnet.errors import InvalidParameter
 
+RENAMED: Mapping[str, str] = {"feel": "rendering", "operator_hand": "operator_model"}
+"""Former names of parameters and sections: accepted for one more release, and in recordings for ever."""
+
+
+def present_name(name: str) -> str:
+    """The dotted name that a parameter has today, from this one or a former one."""
+    first, dot, rest = name.partition(".")
+    return RENAMED.get(first, first) + dot + rest
+
+
 LARGEST_SEED = 2**63 - 1
 """The largest whole number that every reader of JSON and TOML can represent (64 bits)."""
 

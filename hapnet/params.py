@@ -32,6 +32,7 @@ from hapnet.param_sources import ASKED, DEFAULT, FILE, FLAG, PROGRAM, RECORDING,
 from hapnet.param_values import (
     NOT_NEGATIVE as _NOT_NEGATIVE,
     POSITIVE as _POSITIVE,
+    RENAMED,
     Range,
     Section,
     check_allowed,
@@ -41,6 +42,7 @@ from hapnet.param_values import (
     leaves,
     nested,
     parameter as _p,
+    present_name,
     replaced,
     set_by_hand,
     toml_value,
@@ -49,12 +51,9 @@ from hapnet.param_values import (
 LawSection = TypeVar("LawSection")
 
 _BEFORE: Mapping[str, object] = {
-    "rendering": "paper", "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
+    "rendering": "paper", "operator_model.start_periods": 0.0, "operator_model.end_hold_s": 0.0,
     "contact_model.remembers": False, "contact_model.stop_s": 0.0, "contact_model.yields_below": 0.0}  # fmt: skip
 """The values with which older recordings, which lack these entries, were made."""
-
-RENAMED: Mapping[str, str] = {"feel": "rendering"}
-"""Former names: accepted for one more release, and in recordings for ever."""
 
 
 ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
@@ -135,7 +134,7 @@ class Params(Section):
         Range(at_least=0.0, at_most=1000.0),
     )
     device: DeviceParams = field(default_factory=DeviceParams)
-    operator_hand: OperatorParams = field(default_factory=OperatorParams)
+    operator_model: OperatorParams = field(default_factory=OperatorParams)
     world: WorldParams = field(default_factory=WorldParams)
     follower: FollowerParams = field(default_factory=FollowerParams)
     link: LinkParams = field(default_factory=LinkParams)
@@ -200,7 +199,7 @@ class Params(Section):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """The section of a law, or a parameter by its former name."""
+            """The section of a law, or a parameter or section by its former name."""
             if name in RENAMED:
                 return self.get(RENAMED[name])
             if name.startswith("_") or name not in (found := self.law_sections()):
@@ -232,10 +231,11 @@ class Params(Section):
             raise InvalidParameter("changes", changes, 'names and values, such as {"duration_s": 5}')
         typed = self.typed(changes)
         known = dict(self.sources)
+        by = {} if isinstance(source, str) else {present_name(name): one for name, one in source.items()}
         for name, value in typed.items():
             if isinstance(source, str) and source in RESOLVED and name in known and self.get(name) == value:
                 continue  # the chosen value is the one that was set already
-            known[name] = source if isinstance(source, str) else source.get(name, PROGRAM)
+            known[name] = source if isinstance(source, str) else by.get(name, PROGRAM)
         tree["sources"] = tuple(known.items())
         for name, value in typed.items():
             *path, last = name.split(".")
@@ -265,7 +265,7 @@ class Params(Section):
 
         Raises InvalidParameter: there is no such parameter, or the value is not of its type.
         """
-        changes = {RENAMED.get(name, name): value for name, value in changes.items()}
+        changes = {present_name(name): value for name, value in changes.items()}
         known = {name: (value, spec) for name, value, spec in leaves(self)}
         if not known.keys() >= changes.keys():  # only then are laws loaded
             known = {name: (value, spec) for name, value, spec in self.leaves()}
@@ -300,6 +300,7 @@ class Params(Section):
 
     @classmethod
     def _recorded(cls, flat: Mapping[str, object], sources: object) -> Params:
+        flat = {present_name(name): value for name, value in flat.items()}
         plain = cls().set({"coupling": flat.get("coupling", cls.coupling)})
         sections = {name.partition(".")[0] for name in plain.flat()}
         known = {name: value for name, value in flat.items() if "." not in name or name.partition(".")[0] in sections}
@@ -339,7 +340,7 @@ class Params(Section):
         if "sources" not in table:
             return self.set(dict(flatten(table)), FILE)
         by = read_sources(table.pop("sources"))
-        changes = dict(flatten(table))
+        changes = {present_name(name): value for name, value in flatten(table)}
         return Params().set({name: value for name, value in changes.items() if name in by}, by)
 
     def changes(self) -> dict[str, Any]:
@@ -400,7 +401,7 @@ class Params(Section):
 _SECTIONS = {one.name for one in fields(Params)}
 
 RELAXED_HAND: Mapping[str, float] = MappingProxyType(
-    {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+    {"operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 40.0}
 )
 """A hand that holds the handle loosely [kg, Ns/m, N/m]: it damps vibrations less than a firm hand does."""
 

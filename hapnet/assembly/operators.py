@@ -40,16 +40,16 @@ _BLEND_S = 1.0
 def operator(params: Params, scene: World) -> Operator:
     """The hand in this scene; a recorded hand, or a user's own, turns a tool itself. Raises InvalidParameter."""
     if scene.units == POSE and not (is_recording(params.operator) or ":" in params.operator):
-        motion, point = params.operator_hand, extension("tools' worlds").seen_by_the_hand(scene)
+        motion, point = params.operator_model, extension("tools' worlds").seen_by_the_hand(scene)
         turning: Operator = extension("tools").TurningHand(operator(params, point), motion.turn_rad, motion.turn_hz)
         return turning
     hand = _intending(params, scene)
-    amplitude = params.operator_hand.tremor_m
+    amplitude = params.operator_model.tremor_m
     return Tremor(hand, amplitude) if amplitude and not isinstance(hand, LiveHand) else hand
 
 
 def _intending(params: Params, scene: World) -> Operator:
-    hand = params.operator_hand
+    hand = params.operator_model
     moving = _moving(params, scene)
     if not hand.end_hold_s or isinstance(moving, LiveHand | Rest):
         return moving
@@ -70,7 +70,7 @@ def _along(scene: World, distance: float) -> Vector:
 
 
 def _moving(params: Params, scene: World) -> Operator:
-    name, hand, dof = params.operator, params.operator_hand, scene.dof
+    name, hand, dof = params.operator, params.operator_model, scene.dof
     impedance = Impedance(hand.mass, hand.damping, hand.stiffness)
     reach = declared_range(params.device, dof).reach
     start = _along(scene, hand.start_m)
@@ -100,7 +100,7 @@ def _moving(params: Params, scene: World) -> Operator:
 def _generated(number: int, normal: Vector, lever: float) -> GeneratedHand:
     """The generated hand with this number; for joints, scaled by this lever [m]."""
     square = lever * lever
-    loose = (RELAXED_HAND[f"operator_hand.{part}"] for part in ("mass", "damping", "stiffness"))
+    loose = (RELAXED_HAND[f"operator_model.{part}"] for part in ("mass", "damping", "stiffness"))
     impedances = [Impedance(*[square * part for part in hand]) for hand in (loose, dataclasses.astuple(Impedance()))]
     rng = np.random.default_rng([number, GENERATED])
     return GeneratedHand(rng, normal, impedances[0], impedances[1], 1.0 / lever)

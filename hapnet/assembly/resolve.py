@@ -69,7 +69,7 @@ def resolve(params: Params, default_servo: str = "sampled") -> Resolved:
     return Resolved(params, scene, spec, servo, cast(Harvest, harvest))
 
 
-_SIMULATED = ("operator", "operator_hand.", "device.mass", "device.own_damping", "device.substeps")
+_SIMULATED = ("operator", "operator_model.", "device.mass", "device.own_damping", "device.substeps")
 """Prefixes of the parameters that only a simulated device has."""
 
 

@@ -13,8 +13,8 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.units import METRES, RADIANS, one_text, within
 
 _PLACES = (
-    "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m", "operator_hand.press_depth_m",
-    "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
+    "operator_model.start_m", "operator_model.goal_m", "operator_model.amplitude_m", "operator_model.press_depth_m",
+    "operator_model.hover_m", "world.wall.position_m", "world.wall.half_width_m",
 )  # fmt: skip
 """Lengths that are comparable to the device's size in every run."""
 
@@ -23,13 +23,13 @@ LEVER_M = 0.1
 """Defaults for axes in radians are the defaults in metres, as if they acted at this lever [m]."""
 
 _POWERS = {
-    2: ("device.damping", "device.mass", "device.own_damping", "operator_hand.mass", "operator_hand.damping",
-        "operator_hand.stiffness", "world.mass", "world.damping", "world.stiffness", "world.wall.stiffness",
+    2: ("device.damping", "device.mass", "device.own_damping", "operator_model.mass", "operator_model.damping",
+        "operator_model.stiffness", "world.mass", "world.damping", "world.stiffness", "world.wall.stiffness",
         "world.wall.damping", "follower.mass", "follower.own_damping"),
     1: ("device.force_limit_N", "device.step_limit_N", "device.self_test_N", "world.step_limit_N",
         "follower.force_limit_N", "follower.step_limit_N"),
-    -1: ("device.greatest_speed", "operator_hand.start_m", "operator_hand.goal_m", "operator_hand.amplitude_m",
-         "operator_hand.press_depth_m", "operator_hand.hover_m", "world.wall.position_m", "world.wall.half_width_m",
+    -1: ("device.greatest_speed", "operator_model.start_m", "operator_model.goal_m", "operator_model.amplitude_m",
+         "operator_model.press_depth_m", "operator_model.hover_m", "world.wall.position_m", "world.wall.half_width_m",
          "contact_model.reach_m", "follower.greatest_speed"),
 }  # fmt: skip
 _DEFAULTS = Params()

@@ -86,7 +86,7 @@ def _original(files: Sequence[Path]) -> Original:
     recorded, sources = dict(chosen), _sources(device, world)
     operator, hand = _hand(device, files[at], chosen)
     if operator != chosen.get("operator"):
-        chosen["operator_hand.end_hold_s"] = 0.0  # the recorded motion already contains its end
+        chosen["operator_model.end_hold_s"] = 0.0  # the recorded motion already contains its end
     notes = [*_notes(device, world, simulated, sorted({*own, *worlds} - known)), *_left_out(recording)]
     if not simulated:
         for direction, part in (("up", device), ("down", world)):

@@ -257,8 +257,8 @@ def test_a_ceiling_that_was_set_does_not_follow_a_stiff_spring() -> None:
                 "device.own_damping": 0.3,
                 "device.substeps": 4,
                 "operator": "press",
-                "operator_hand.mass": 0.554,
-                "operator_hand.reach_s": 2.0,
+                "operator_model.mass": 0.554,
+                "operator_model.reach_s": 2.0,
             }.items()
         ],
     ],
@@ -341,7 +341,7 @@ def test_a_sweep_tabulates_what_was_run() -> None:
     """Of a world whose own default is 500 N/m: the wall is pressed less deep, the stiffer it is."""
     fixed = {
         "scene": f"{HERE}:corridor", "duration_s": 1.6, "link": "", "device.stiffness": 400.0,
-        "operator_hand.reach_s": 0.5, "world.damping": 14.0,
+        "operator_model.reach_s": 0.5, "world.damping": 14.0,
     }  # fmt: skip
     stiffnesses = [500.0, 2000.0, 3000.0, 4000.0]
     found = sweep({"fixed": fixed, "vary": {"world.wall.stiffness": stiffnesses}})

@@ -93,9 +93,9 @@ def test_what_is_wrong_at_once_is_a_parameter(name: str, says: str) -> None:
 
 def test_a_guard_changes_nothing() -> None:
     """The same hand, guarded or not: the same bits."""
-    params = Params().set({"duration_s": 1.0, "operator_hand.amplitude_m": 0.03, "operator_hand.frequency_hz": 0.5})
+    params = Params().set({"duration_s": 1.0, "operator_model.amplitude_m": 0.03, "operator_model.frequency_hz": 0.5})
     own = simulate(params.set({"operator": "tests.assembly.test_user_operator:Circle"}), seed=1).recording
-    built_in = simulate(params.set({"operator": "sine", "operator_hand.start_periods": 0.0}), seed=1).recording
+    built_in = simulate(params.set({"operator": "sine", "operator_model.start_periods": 0.0}), seed=1).recording
     for mine, theirs in ((own.device, built_in.device), (own.world, built_in.world)):
         assert (mine["position_m"] == theirs["position_m"]).all()
 

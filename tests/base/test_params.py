@@ -11,6 +11,7 @@ from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
 from hapnet.laws import COUPLING_NAMES
 from hapnet.param_schema import schema
+from hapnet.param_sources import FILE
 from hapnet.param_values import Range, toml_value
 from hapnet.params import Params
 
@@ -74,10 +75,10 @@ def test_what_is_wrong_is_named(word: str, names: str) -> None:
 
 @pytest.mark.parametrize(("word", "value"), [(".5", 0.5), ("-.5", -0.5), ("+.5", 0.5), ("+2", 2.0), ("1e-1", 0.1)])
 def test_numbers_may_be_written_as_people_write_them(word: str, value: float) -> None:
-    assert Params().set_words([f"operator_hand.start_m={word}"]).operator_hand.start_m == value
+    assert Params().set_words([f"operator_model.start_m={word}"]).operator_model.start_m == value
 
 
-SIGNED = {"operator_hand.start_m", "operator_hand.goal_m", "world.wall.position_m"}
+SIGNED = {"operator_model.start_m", "operator_model.goal_m", "world.wall.position_m"}
 """Coordinates along an axis; everything else is a size, a rate, a time or a number of something."""
 
 
@@ -163,3 +164,30 @@ def test_the_schema_knows_what_is_shown_and_nothing_else() -> None:
         "description": "the most shuffled power that is credited in the long run [W]",
         "default": 5.0, "type": "number", "minimum": 1e-9, "maximum": 1e9,
     }  # fmt: skip
+
+
+def test_former_names_of_parameters_are_read_with_their_sources(tmp_path: Path) -> None:
+    """Files and recordings of 0.1, and `--set`; "feel" was a parameter, "operator_hand" a section."""
+    expected = Params().set({"rendering": "paper", "operator_model.mass": 0.3}, FILE)
+    former = {"feel": "paper", "operator_hand.mass": 0.3}
+    plain, whole = tmp_path / "plain.toml", tmp_path / "whole.toml"
+    plain.write_text('feel = "paper"\n[operator_hand]\nmass = 0.3\n', encoding="utf-8")
+    whole.write_text(
+        'feel = "paper"\n[operator_hand]\nmass = 0.3\n[sources]\n"feel" = "file"\n"operator_hand.mass" = "file"\n',
+        encoding="utf-8",
+    )
+    for params in (
+        Params().set(former, FILE),
+        Params().set(former, dict.fromkeys(former, FILE)),
+        Params().load(plain),
+        Params().load(whole),
+    ):
+        assert params == expected
+        assert params.sources == expected.sources
+        assert params.get("operator_hand.mass") == 0.3
+    recorded = Params.recorded(former, dict.fromkeys(former, FILE))
+    assert (recorded.rendering, recorded.operator_model.mass) == ("paper", 0.3)
+    assert recorded.source("rendering") == recorded.source("operator_model.mass") == FILE
+    assert Params().set_words(["operator_hand.mass=0.3"]).operator_model.mass == 0.3
+    with pytest.raises(InvalidParameter, match="operator_model"):
+        Params().set({"operator_hand.mas": 0.3})

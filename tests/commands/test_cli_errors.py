@@ -204,7 +204,7 @@ def test_a_recorded_hand_with_fewer_axes_than_the_scene(capsys: Capture, tmp_pat
         ),
         (
             "simulate --set stiffness=300",
-            "--set: unknown parameter 'stiffness'; did you mean device.stiffness, operator_hand.stiffness or "
+            "--set: unknown parameter 'stiffness'; did you mean device.stiffness, operator_model.stiffness or "
             "world.stiffness?",
         ),
         ("simulate --set renderin=paper", "--set: unknown parameter 'renderin'; did you mean rendering?"),

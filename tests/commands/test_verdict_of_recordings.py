@@ -84,7 +84,7 @@ def test_it_agrees_with_the_summary_of_a_simulation(name: str, servo: str, tmp_p
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 def test_it_agrees_that_a_plain_coupling_is_not_passive(servo: str, tmp_path: Path, capsys: Capture) -> None:
     """With relaxed fingers, as in examples/link_study.py."""
-    hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 20.0}
+    hand = {"operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 20.0}
     changes = {**hand, "link.up": "delay 60ms", "link.down": "delay 60ms", "coupling": "zoh", "rendering": "paper"}
     result = simulate(BASE.set({**changes, "device.servo": servo, "operator": "sine", "duration_s": 3.25}), seed=1)
     assert result.summary["verdict"]["passive"] is False
@@ -138,7 +138,7 @@ def test_it_agrees_with_the_summary_of_two_processes(name: str, servo: str, tmp_
 @pytest.fixture(scope="module")
 def run() -> Recording:
     """Much is shuffled, at the default rate of samples."""
-    changes = {"operator": "sine", "operator_hand.frequency_hz": 1.5, "device.damping": 2.0, "rendering": "paper"}
+    changes = {"operator": "sine", "operator_model.frequency_hz": 1.5, "device.damping": 2.0, "rendering": "paper"}
     return simulate(BASE.set({**changes, "device.servo": "sampled", "record_hz": 200.0}), seed=1).recording
 
 

@@ -135,7 +135,7 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
     """
     rng = np.random.default_rng([seed, 23])
     setup = prepare(
-        Params().set({"operator": "sine", "operator_hand.frequency_hz": 2.0, "rendering": "paper", **words})
+        Params().set({"operator": "sine", "operator_model.frequency_hz": 2.0, "rendering": "paper", **words})
     )
     now_ns = 0
     side = device_side(setup, DeviceEndpoint(device_session(setup, 7)), lambda: now_ns, lambda sample: None)

@@ -182,8 +182,8 @@ def test_a_wall_that_vanished_while_the_hand_was_away_is_not_felt_any_more(remem
     result = simulate(
         {
             "scene": "moving", "world.wall.timeline": "at 3s: gone", "operator": "press", "duration_s": 6.0,
-            "operator_hand.start_m": -0.15, "operator_hand.reach_s": 0.6, "operator_hand.hold_s": 1.5,
-            "operator_hand.wait_s": 1.0,
+            "operator_model.start_m": -0.15, "operator_model.reach_s": 0.6, "operator_model.hold_s": 1.5,
+            "operator_model.wait_s": 1.0,
             "link.up": "4g", "link.down": "4g", "contact_model.remembers": remembers,
         },
         seed=7,

@@ -15,7 +15,7 @@ from hapnet.simulation.simulation import Result, Simulation, simulate
 from tests.support.paper import PAPER
 
 LIGHT = {
-    "scene": "free", "operator": "sine", "operator_hand.start_periods": 0.0, "link.up": "4g", "link.down": "4g",
+    "scene": "free", "operator": "sine", "operator_model.start_periods": 0.0, "link.up": "4g", "link.down": "4g",
     "device.servo": "sampled", "duration_s": 5.0, **RELAXED_HAND,
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ from tests.support.processes import Emulator, started
 @pytest.mark.slow
 def test_lost_bytes_and_a_servo_that_stops_answering(tmp_path: Path) -> None:
     """The force goes, with one line that names the servo, and nothing came out beyond the bound."""
-    hand = ("--operator", "sine", "--set", "operator_hand.amplitude_m=0.25")
+    hand = ("--operator", "sine", "--set", "operator_model.amplitude_m=0.25")
     with Emulator("dynamixel", tmp_path, "noise=0.01", "silent=3", "servo=2", more=hand) as emulator:
         given = ("--dof", 3, "--duration", 5, "--json", "-", "--out", tmp_path)
         with started("run", "--device", emulator.device, *given) as program:
@@ -33,7 +33,7 @@ def test_lost_bytes_and_a_servo_that_stops_answering(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_arm_follows_a_leader(tmp_path: Path) -> None:
-    hand = ("--operator", "rest", "--set", "operator_hand.stiffness=0.2", "--set", "operator_hand.mass=0.001")
+    hand = ("--operator", "rest", "--set", "operator_model.stiffness=0.2", "--set", "operator_model.mass=0.001")
     with Emulator("dynamixel", tmp_path, more=hand) as emulator:
         given = ("--scene", "free", "--operator", "sine", "--dof", 3, "--duration", 3, "--json", "-", "--out", tmp_path)
         with started("run", "--follower", emulator.device, *given) as program:

@@ -34,7 +34,7 @@ def test_a_run_with_the_axis(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_axis_follows_a_leader(tmp_path: Path) -> None:
     """As a robot in the world's place; scaled, so the account counts three halves of what the emulator gave out."""
-    hand = ("--operator", "rest", "--set", "operator_hand.stiffness=20", "--set", "operator_hand.mass=0.1")
+    hand = ("--operator", "rest", "--set", "operator_model.stiffness=20", "--set", "operator_model.mass=0.1")
     scales = ("--set", "follower.motion_scale=0.5", "--set", "follower.force_scale=0.75")
     with Emulator("serial", tmp_path, more=hand) as emulator:
         given = ("--scene", "free", "--operator", "sine", "--duration", 4, "--json", "-", "--out", tmp_path)

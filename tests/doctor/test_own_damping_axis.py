@@ -15,7 +15,7 @@ from tests.support.processes import Program
 def test_an_emulated_axis_in_real_time(tmp_path: Path) -> None:
     """Over the serial protocol: 40 s. What its handle has is not sent over the wire."""
     link, reported = tmp_path / "axis", tmp_path / "doctor.json"
-    free = [word for part in ("mass", "damping", "stiffness") for word in ("--set", f"operator_hand.{part}=0")]
+    free = [word for part in ("mass", "damping", "stiffness") for word in ("--set", f"operator_model.{part}=0")]
     with Program("emulate", f"serial:link={link}", *free, "--set", "device.own_damping=0.4") as emulator:
         emulator.until_line("emulates serial")
         assert cli.main(["doctor", "--device", f"serial:{link}", "--damping", "0.3", "--json", str(reported)]) == 0

@@ -37,7 +37,7 @@ while True:
 """A process that does nothing a thousand times a second, and says when the machine kept it from that for 5 ms more."""
 
 PRESSED = (
-    "--set", "operator_hand.wait_s=0", "--set", "operator_hand.reach_s=0.5", "--set", "operator_hand.hold_s=3600",
+    "--set", "operator_model.wait_s=0", "--set", "operator_model.reach_s=0.5", "--set", "operator_model.hold_s=3600",
 )  # fmt: skip
 """A hand that goes to the wall at once and stays there."""
 

@@ -39,7 +39,7 @@ AFTER_NS = 50_000_000
 SEEN_S = 0.15
 
 HAND = {
-    "operator": "press", "operator_hand.wait_s": 0.0, "operator_hand.reach_s": 0.5, "operator_hand.hold_s": 0.5,
+    "operator": "press", "operator_model.wait_s": 0.0, "operator_model.reach_s": 0.5, "operator_model.hold_s": 0.5,
 }  # fmt: skip
 
 

@@ -32,7 +32,7 @@ BUSY = frozenset({"leak", "risk"})
 """Causes that a busy machine adds: a servo that it kept from its work."""
 
 SHAKEN = (
-    "--operator", "sine", "--set", "operator_hand.amplitude_m=0.04", "--set", "operator_hand.frequency_hz=2",
+    "--operator", "sine", "--set", "operator_model.amplitude_m=0.04", "--set", "operator_model.frequency_hz=2",
     "--link", "delay 100ms 30ms",
 )  # fmt: skip
 

@@ -17,7 +17,7 @@ from tests.faults.namespaces import Host, Unavailable, two_hosts
 from tests.faults.tun import CABLE
 from tests.support.processes import HAPNET, Program, assert_accounts_agree, assert_passive, read_json
 
-SOON = ("operator_hand.wait_s=0", "operator_hand.reach_s=0.4", "device.watchdog_s=0")
+SOON = ("operator_model.wait_s=0", "operator_model.reach_s=0.4", "device.watchdog_s=0")
 """The hand is at the wall at once; and a machine that tests may hold a servo up."""
 
 LINKS: dict[Role, tuple[str, float, float]] = {

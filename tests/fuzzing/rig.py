@@ -43,7 +43,7 @@ def drawn_setup(target: str, rng: random.Random, silence_after_s: float) -> Setu
     words |= {f"world.{name}": value for name, value in world.items()}
     words |= {
         "rendering": "paper", "scene": "box", "dof": dof,
-        "operator": rng.choice(("rest", "sine")), "operator_hand.frequency_hz": 2.0,
+        "operator": rng.choice(("rest", "sine")), "operator_model.frequency_hz": 2.0,
         "wire.accept_stale": rng.random() < 0.3, "wire.admission_W": rng.choice((0.05, 5.0, 100.0)),
         "wire.admission_burst_J": rng.choice((1e-3, 0.5)),
     }  # fmt: skip

@@ -15,7 +15,7 @@ from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import Simulation
 
 LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
-TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.5}
+TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_model.turn_rad": 0.5}
 
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")

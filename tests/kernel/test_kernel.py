@@ -133,7 +133,7 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
     """A device that is too light for its spring, with no limit of force: held for a tick, the spring throws it away."""
     changes: dict[str, Any] = {
         "coupling": "zoh", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
-        "device.own_damping": 0.0, "operator_hand.damping": 0.0, "operator_hand.mass": 0.0,
+        "device.own_damping": 0.0, "operator_model.damping": 0.0, "operator_model.mass": 0.0,
     }  # fmt: skip
     params = SAMPLED.set({**changes, "rendering": "paper"})
     assert not differences(params, 1, LEAVES)

@@ -26,7 +26,7 @@ CHANGES = {
     "comes": "back",
     "lies": "",
 }
-LIGHT = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+LIGHT = {"operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 40.0}
 HANDS: dict[str, dict[str, float]] = {"firm": {}, "light": LIGHT}
 LINK = "delay 40ms 10ms loss 2%"
 CORRECTED_S = 0.1
@@ -56,7 +56,7 @@ def denied(
         timeline = f"at 0.1s: gone; {timeline}"
     params = Params().set({
         "scene": "moving", "dof": dof, "world.wall.timeline": timeline, "coupling": coupling, "operator": "press",
-        "operator_hand.hold_s": 2.0, "link.up": LINK, "link.down": LINK, "record_hz": 1000.0,
+        "operator_model.hold_s": 2.0, "link.up": LINK, "link.down": LINK, "record_hz": 1000.0,
         "duration_s": at_s + 0.5, "device.stiffness": stiffness, **HANDS[hand],
     })  # fmt: skip
     run = Simulation(params, seed)

@@ -121,8 +121,8 @@ def taps(link: str, start_m: float, speed_mps: float, seconds: float, changes: M
     reach_s = 1.875 * (0.04 - start_m) / speed_mps
     result = simulate(
         {
-            "link.up": LINKS[link], "link.down": LINKS[link], "operator": "press", "operator_hand.start_m": start_m,
-            "operator_hand.reach_s": reach_s, "duration_s": seconds, **changes,
+            "link.up": LINKS[link], "link.down": LINKS[link], "operator": "press", "operator_model.start_m": start_m,
+            "operator_model.reach_s": reach_s, "duration_s": seconds, **changes,
         },
         seed=912,
     )  # fmt: skip

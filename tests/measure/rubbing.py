@@ -103,7 +103,7 @@ def lied_to(
         contacts: Any = simulation.world.scene.contacts
         contacts.planes = planes
 
-    hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+    hand = {"operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 40.0}
     more: dict[str, object] = {"coupling": coupling, "operator": "press", **hand}
     return run("sphere", link, seconds=2.0, dof=dof, seed=seed, watch=watch, **more).summary
 

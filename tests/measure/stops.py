@@ -104,8 +104,8 @@ class Rig:
         self.setup = prepare(
             Params().set({
                 "scene": scenes.get(kind, "free"), "dof": 0 if kind in scenes else 1, "operator": "sine",
-                "operator_hand.amplitude_m": 0.06, "device.servo": "sampled", "operator_hand.start_periods": 0.0,
-                "operator_hand.frequency_hz": 0.6, "follower.robot": robots.get(kind, "simulated"),
+                "operator_model.amplitude_m": 0.06, "device.servo": "sampled", "operator_model.start_periods": 0.0,
+                "operator_model.frequency_hz": 0.6, "follower.robot": robots.get(kind, "simulated"),
                 "link.up": f"delay {ONE_WAY_MS}ms", "link.down": f"delay {ONE_WAY_MS}ms",
                 **({"follower.servo_hz": BehindTopics.rate_hz} if kind == "ros 2" else {}), **changes,
             }),

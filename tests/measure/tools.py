@@ -157,5 +157,5 @@ def main(links: str = "4g", turns_rad: str = "0,0.05,0.1,0.2", long_s: float = 0
         return
     for link in links.split(","):
         for turn in map(float, turns_rad.split(",")):
-            made = felt(run({"link.up": link, "link.down": link, "operator_hand.turn_rad": turn}))
+            made = felt(run({"link.up": link, "link.down": link, "operator_model.turn_rad": turn}))
             print(link, turn, made, flush=True)

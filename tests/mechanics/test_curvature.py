@@ -326,7 +326,7 @@ def lying(rng: np.random.Generator) -> Any:
 
 def lied_to(seed: int, coupling: str, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(Plane, "unfolded", lambda plane, position: plane)  # not even the sender is honest
-    hand = {"operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 40.0}
+    hand = {"operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 40.0}
     params = Params().set({
         "scene": "sphere", "dof": 2 + seed % 2, "coupling": coupling, "operator": "press", "duration_s": 2.0,
         "link.up": LINK, "link.down": LINK, **hand,

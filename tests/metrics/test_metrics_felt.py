@@ -301,8 +301,8 @@ def test_the_error_against_it_by_hand() -> None:
 # -- together --------------------------------------------------------------------------------------------------------
 
 SLOW: dict[str, object] = {
-    "device.servo": "sampled", "duration_s": 5.2, "link.up": "", "link.down": "", "operator_hand.hold_s": 9.0,
-    "operator_hand.reach_s": 1.5, "world.step_min_s": 0.002, "world.step_max_s": 0.002, "world.damping": 0.2,
+    "device.servo": "sampled", "duration_s": 5.2, "link.up": "", "link.down": "", "operator_model.hold_s": 9.0,
+    "operator_model.reach_s": 1.5, "world.step_min_s": 0.002, "world.step_max_s": 0.002, "world.damping": 0.2,
     "device.step_limit_N": 0.0,
 }  # fmt: skip
 

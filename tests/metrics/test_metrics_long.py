@@ -138,7 +138,7 @@ def test_modulated_is_what_differs_by_more_than_a_nanometre() -> None:
 # -- of a run --------------------------------------------------------------------------------------------------------
 
 LONG: dict[str, object] = {
-    "device.servo": "sampled", "duration_s": 120.0, "operator": "hand-11", "operator_hand.end_hold_s": 3.0,
+    "device.servo": "sampled", "duration_s": 120.0, "operator": "hand-11", "operator_model.end_hold_s": 3.0,
     "link.up": "4g", "link.down": "4g", "device.stiffness": 200.0,
 }  # fmt: skip
 
@@ -203,7 +203,7 @@ def test_without_reservoirs_nothing_is_modulated_and_the_energy_still_counts() -
 
 def test_where_walls_rub_the_force_is_compared_with_that_of_an_ideal_link_and_a_fast_world() -> None:
     """A hand that moves along a rough plane: friction of 0.3 is no error of the coupling, but no spring has it."""
-    given = Params().set({**LONG, "scene": "plane?friction=0.3", "duration_s": 2.0, "operator_hand.end_hold_s": 0.0})
+    given = Params().set({**LONG, "scene": "plane?friction=0.3", "duration_s": 2.0, "operator_model.end_hold_s": 0.0})
     found = case.measure(given, 3)
     run = simulated(given, 3)
     nothing = {"link.up": "", "link.down": "", "world.step_min_s": 0.001, "world.step_max_s": 0.001}

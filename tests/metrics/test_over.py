@@ -69,7 +69,7 @@ def halved(run: Measured, rng: np.random.Generator) -> Measured:
 
 @pytest.mark.slow
 def test_half_of_the_samples_say_the_same() -> None:
-    given = Params().set({"operator": "press", "duration_s": 20.0, "operator_hand.end_hold_s": 4.0})
+    given = Params().set({"operator": "press", "duration_s": 20.0, "operator_model.end_hold_s": 4.0})
     given = given.set({"device.servo": "sampled", "link.up": "", "link.down": ""})
     ideal = simulated(given, 1).result.recording
     run = replace(simulated(given.set({"link.up": LINK, "link.down": LINK}), 1), ideal=ideal)

@@ -88,7 +88,7 @@ def test_a_slow_robots_watchdog_waits_for_two_of_its_ticks(watchdog_s: float, se
 
 def test_both_begin_in_the_same_place_wherever_they_stand() -> None:
     """The hand begins at 30 mm, the robot at its origin: what it follows is the motion since then."""
-    changes = {"scene": "free", "operator": "press", "operator_hand.start_m": 0.03, "operator_hand.goal_m": 0.05}
+    changes = {"scene": "free", "operator": "press", "operator_model.start_m": 0.03, "operator_model.goal_m": 0.05}
     here, origin = run(changes), run({**changes, "follower.start": "origin"})
     for result, jump in ((here, 0.002), (origin, 0.02)):
         world = result.recording.world
@@ -102,7 +102,7 @@ def test_both_begin_in_the_same_place_wherever_they_stand() -> None:
 def test_force_feedback_renders_the_force_on_the_robot() -> None:
     """Half a second into a held press: the leader's spring gives what the wall gives, to the share of the dampers."""
     changes = {"scene": "wall", "rendering": "paper", "follower.feedback": "force", "duration_s": 2.4}
-    result = run({**changes, "link.up": "delay 5ms", "link.down": "delay 5ms", "operator_hand.goal_m": 0.03})
+    result = run({**changes, "link.up": "delay 5ms", "link.down": "delay 5ms", "operator_model.goal_m": 0.03})
     wall, felt = result.recording.world["contact_force_N"][-200:, 0], result.recording.device["force_N"][-40:, 0]
     assert wall.mean() < -0.3
     assert felt.mean() == pytest.approx(wall.mean(), rel=0.03)
@@ -158,7 +158,8 @@ def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_
         "scene": f"tool:stick + plane?normal={LEANS[0]},0,{LEANS[2]}&at=0,0,{-40.0 - 10.0 * a}mm", "duration_s": 3.0,
         "follower.servo_hz": 500.0,
         "follower.motion_scale": a, "follower.force_scale": b, "follower.feedback": feedback, "device.stiffness": K,
-        "operator": "press", "operator_hand.goal_m": 0.02, "operator_hand.turn_rad": 0.0, "operator_hand.hold_s": 5.0,
+        "operator": "press", "operator_model.goal_m": 0.02, "operator_model.turn_rad": 0.0,
+        "operator_model.hold_s": 5.0,
         "world.stiffness": spring, "link.up": "delay 5ms", "link.down": "delay 5ms",
     })  # fmt: skip
     own = result.world.mass.body.position
@@ -187,7 +188,7 @@ def test_a_wall_that_a_turn_reaches_is_told_as_early_to_a_scaled_tool(a: float) 
 
 @pytest.mark.parametrize("a", mostly_slow([5.0, 0.5, 0.1], 1))
 def test_a_tool_goes_a_times_as_far_as_its_leader_and_turns_as_it_does(a: float) -> None:
-    changes = {"scene": "tool:box", "operator": "press", "operator_hand.hold_s": 5.0, "duration_s": 2.5}
+    changes = {"scene": "tool:box", "operator": "press", "operator_model.hold_s": 5.0, "duration_s": 2.5}
     result = run({**changes, "follower.motion_scale": a, "follower.start": "origin"})
     device, world = result.recording.device["position_m"], result.recording.world["position_m"]
     own = result.world.mass.body.position

@@ -48,7 +48,7 @@ def test_numbers_are_different_hands_and_the_same_number_the_same() -> None:
 
 
 def test_a_tremor_is_between_8_and_12_hz_and_of_its_amplitude() -> None:
-    still, trembling = hand("rest", 2), hand("rest", 2, **{"operator_hand.tremor_m": 3e-4})
+    still, trembling = hand("rest", 2), hand("rest", 2, **{"operator_model.tremor_m": 3e-4})
     x = path(trembling, 20.0) - path(still, 20.0)
     assert 2e-4 < np.abs(x).max() <= 3e-4
     power = np.abs(np.fft.rfft(x[:, 0])) ** 2

@@ -17,7 +17,7 @@ from hapnet.simulation.simulation import Simulation
 from tests.conftest import mostly_slow
 
 K_WORLD, K_WALL, WALL_M, GOAL_M = 500.0, 3000.0, 0.02, 0.04
-HAND = led(Params()).operator_hand
+HAND = led(Params()).operator_model
 IMPEDANCE = Impedance(HAND.mass, HAND.damping, HAND.stiffness)
 
 

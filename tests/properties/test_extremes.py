@@ -68,7 +68,7 @@ def test_the_cases_reach_over_five_decades() -> None:
     cases = [extreme_case(case) for case in range(200)]
     stiffness = [np.linalg.eigvalsh(np.array(params.device.stiffness)) for params in cases]
     assert max(k[-1] for k in stiffness) / min(k[0] for k in stiffness) > 1e4
-    for name in ("device.mass", "operator_hand.stiffness", "world.wall.stiffness", "wire.admission_W"):
+    for name in ("device.mass", "operator_model.stiffness", "world.wall.stiffness", "wire.admission_W"):
         values = [params.get(name) for params in cases]
         assert max(values) / min(values) > 1e4, name
     rates = [params.device.servo_hz for params in cases]
@@ -76,7 +76,7 @@ def test_the_cases_reach_over_five_decades() -> None:
     assert max(rates) > 4500.0
     for name, value in (
         ("device.servo", "continuous"), ("device.servo", "sampled"), ("device.ceiling_J", 0.0),
-        ("world.ceiling_J", 0.0), ("device.force_limit_N", 0.0), ("operator_hand.mass", 0.0),
+        ("world.ceiling_J", 0.0), ("device.force_limit_N", 0.0), ("operator_model.mass", 0.0),
         ("device.on_silence", "release"), ("dof", 1), ("dof", 2), ("dof", 3),
     ):  # fmt: skip
         assert sum(params.get(name) == value for params in cases) > 20, name
@@ -101,7 +101,7 @@ def audited(servo: str, n: int) -> Params:
         {
             "duration_s": 1.5, "dof": n, "record_hz": 1000.0, "scene": "wall", "operator": "sine",
             "world.wall.position_m": 0.004,
-            "operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "operator_hand.frequency_hz": 4.0,
+            "operator_model.mass": 0.1, "operator_model.damping": 1.0, "operator_model.frequency_hz": 4.0,
             "device.servo": servo, "device.substeps": 1, "device.stiffness": random_spd(rng, n, 100.0, 600.0).tolist(),
             "device.damping": rng.uniform(0.5, 2.0, n).tolist(), "device.force_limit_N": 2.0,
             "device.greatest_speed": 3.0, "device.on_silence": "release", "device.silence_after_s": 0.1,

@@ -15,7 +15,7 @@ from hapnet.summary.run import Summary
 from tests.support.processes import assert_accounts_agree, child_of, read_json, resident_kB, started
 
 WORST = {
-    "link.up": "worst", "link.down": "worst", "operator": "sine", "operator_hand.frequency_hz": 1.5,
+    "link.up": "worst", "link.down": "worst", "operator": "sine", "operator_model.frequency_hz": 1.5,
     "device.damping": 2.0,
 }  # fmt: skip
 """A hand that shakes, so that both sides harvest more than they keep, and energy flows all the time."""

@@ -150,7 +150,7 @@ def audited(seed: int) -> tuple[Params, Callable[[], Operator], int]:
     params = PAPER.set(
         {
             "duration_s": 2.5, "dof": n, "record_hz": 1000.0, "scene": "wall", "operator": ("sine", "press")[seed % 2],
-            "operator_hand.start_m": -0.01, "operator_hand.goal_m": 0.04,
+            "operator_model.start_m": -0.01, "operator_model.goal_m": 0.04,
             "device.substeps": 1, "device.stiffness": random_spd(rng, n, 50.0, 300.0).tolist(),
             "device.damping": rng.uniform(0.05, 1.0, n).tolist(), "device.force_limit_N": 0.0 if seed < 3 else 1.0,
             "device.shuffle": ("harvested", "all")[seed % 2], "world.shuffle": ("harvested", "all")[seed % 2],

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("turn_rad", [0.1, 0.2])
 def test_force_and_torque_of_a_box_on_a_table(turn_rad: float) -> None:
     """At most 3 % are asked, rms, of the true peak; 0.2 and 0.6 % were measured."""
-    found = felt(run({"operator_hand.turn_rad": turn_rad}))
+    found = felt(run({"operator_model.turn_rad": turn_rad}))
     assert found.peak_Nm > 0.02
     assert found.force_error < 1.0
     assert found.torque_error < 1.5

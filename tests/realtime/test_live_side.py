@@ -118,7 +118,7 @@ async def test_a_led_hand_goes_where_it_is_told() -> None:
     """
     address, params = free_address(), parameters(operator="mouse", link__up="", link__down="")
     device, world = Running("device", address, params), Running("world", address, params)
-    hand, K, K_v = params.operator_hand.stiffness, 100.0, 500.0  # the defaults
+    hand, K, K_v = params.operator_model.stiffness, 100.0, 500.0  # the defaults
     wall, K_w, goal = params.world.wall.position_m, params.world.wall.stiffness, 0.045
     balance = np.array([[hand + K, -K], [K_v, -(K_v + K_w)]])
     x, p = np.linalg.solve(balance, [hand * goal, -K_w * wall])

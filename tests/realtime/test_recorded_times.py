@@ -24,7 +24,7 @@ UTC = META | {"utc_origin_ns": ORIGIN + LATER_NS, "utc_clock": "system"}
 def run() -> Recording:
     """A second over links that delay by 20 ms, and only that."""
     link = f"delay {DELAY_NS // 1_000_000}ms"
-    settings = {"link.up": link, "link.down": link, "operator": "sine", "operator_hand.start_periods": 0.0}
+    settings = {"link.up": link, "link.down": link, "operator": "sine", "operator_model.start_periods": 0.0}
     changes = {**settings, "duration_s": 1.0, "record_hz": 1000.0, "device.servo": "sampled"}
     return simulate(Params().set(changes), seed=1, kernel=False).recording
 
@@ -58,7 +58,7 @@ def test_the_velocity_is_the_paths(servo: str, rendering: str) -> None:
         "duration_s": 0.5,
         "operator": "sine",
     }
-    settings = {**changes, "operator_hand.start_periods": 0.0}
+    settings = {**changes, "operator_model.start_periods": 0.0}
     recording = simulate(Params().set(settings), seed=1, kernel=False).recording
     x, v, t = (recording.device[name] for name in ("position_m", "velocity_mps", "time_s"))
     moved = np.diff(x, axis=0)
@@ -73,7 +73,7 @@ def test_with_encoders_the_velocity_is_what_the_servo_reads(rendering: str) -> N
         1e-5,
         {"device.resolution_m": 1e-5, "device.servo": "sampled", "record_hz": 1000.0, "rendering": rendering},
     )
-    hand = {"operator": "sine", "operator_hand.start_periods": 0.0}
+    hand = {"operator": "sine", "operator_model.start_periods": 0.0}
     recording = simulate(Params().set({**changes, **hand, "duration_s": 0.3}), 1, kernel=False).recording
     x, v = recording.device["position_m"][:, 0], recording.device["velocity_mps"][:, 0]
     np.testing.assert_allclose(v[1:], np.diff(x) / 1e-3, rtol=0.0, atol=1e-9)

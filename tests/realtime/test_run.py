@@ -87,7 +87,7 @@ def test_the_main_job(more: tuple[str, ...], tmp_path: Path) -> None:
 def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp_path: Path) -> None:
     """A soft wall takes far more than d^2 out at the world's port, while far more comes in at the hand's."""
     out = tmp_path / "run"
-    soft = {"world.wall.stiffness": 100, "world.wall.damping": 0, "operator_hand.goal_m": 0.2}
+    soft = {"world.wall.stiffness": 100, "world.wall.damping": 0, "operator_model.goal_m": 0.2}
     words = [word for name, value in soft.items() for word in ("--set", f"{name}={value}")]
     with started("run", "--coupling", "pd", *words, "--duration", 4, "--json", "-", "--out", out) as program:
         code, stdout, stderr = program.end()

@@ -38,7 +38,7 @@ def twelve(position: object, velocity: object, time: float) -> list[float]:
 
 
 def params(**more: object) -> Params:
-    own = {"scene": TABLE, "duration_s": 2.0, "operator_hand.turn_rad": 0.4, "operator_hand.turn_hz": 1.0}
+    own = {"scene": TABLE, "duration_s": 2.0, "operator_model.turn_rad": 0.4, "operator_model.turn_hz": 1.0}
     return Params().set({**own, **more})
 
 

@@ -77,7 +77,7 @@ def test_the_hands_work_is_that_of_its_force_in_every_substep(operator: str, ser
         device, _ = columns(params)
         force, way = device["operator_force_N"], np.abs(np.diff(device["position_m"], axis=0))[1:]
         speed = 1e3 * np.diff(device["operator_target_m"], axis=0)
-        steps = params.operator_hand.damping * np.abs(np.diff(speed, axis=0))
+        steps = params.operator_model.damping * np.abs(np.diff(speed, axis=0))
         steps += STIFFNESS * np.abs(np.diff(device["set_position_m"], axis=0))[1:]
         due_J = np.sum((np.abs(np.diff(force, axis=0))[1:] + steps) * way)
         lost_J = np.abs(since_the_first(device["operator_work_J"]) - running(force, device["position_m"])).max()

@@ -333,7 +333,7 @@ def test_settings_of_two_processes_and_of_another_version() -> None:
     line = next(c.line for c in commands(recording, []) if "simulate" in c.line)
     assert shlex.split(line)[2:] == [
         "--set", "rendering=paper", "--set", "duration_s=3.457", "--set", "device.servo=sampled",
-        "--set", "operator_hand.start_periods=0.0", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
+        "--set", "operator_model.start_periods=0.0", "--set", "world.mass=[[1.0, 0.0], [0.0, 2.0]]",
         "--set", "link.up=delay 1ms", "--set", "link.down=delay 2ms",
         "--set", "contact_model.remembers=false", "--set", "contact_model.stop_s=0.0",
         "--set", "contact_model.yields_below=0.0",

@@ -41,7 +41,7 @@ def test_between_two_ticks_the_coupling_has_the_device_where_the_next_tick_will(
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])
 def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
     params = {
-        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_hand.amplitude_m": 0.06,
+        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_model.amplitude_m": 0.06,
         "rendering": rendering, "device.servo": "sampled", "duration_s": 3.0, "device.clutch": "1-2.2",
         "link.up": "delay 40ms", "link.down": "delay 40ms", "record_hz": 1000.0,
     }  # fmt: skip

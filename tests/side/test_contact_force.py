@@ -96,7 +96,8 @@ class Pair:
     def __init__(self, **changes: object) -> None:
         given = {
             "scene": "free", "follower.robot": f"{HERE}:Robot", "follower.feedback": "force", "operator": "press",
-            "operator_hand.goal_m": 0.02, "operator_hand.hold_s": 10.0, "device.servo": "sampled", "record_hz": 1000.0,
+            "operator_model.goal_m": 0.02, "operator_model.hold_s": 10.0, "device.servo": "sampled",
+            "record_hz": 1000.0,
             "world.stiffness": 400.0, "world.damping": 10.0,
         }  # fmt: skip
         setup = prepare(Params().set({**given, **{name.replace("__", "."): one for name, one in changes.items()}}))
@@ -137,7 +138,7 @@ class Pair:
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (1.0, 0.5), (0.5, 2.0)])
 def test_the_hand_feels_b_times_the_force_on_the_robot(rendering: str, a: float, b: float) -> None:
-    pair = Pair(rendering=rendering, follower__motion_scale=a, follower__force_scale=b, operator_hand__goal_m=0.02 / a)
+    pair = Pair(rendering=rendering, follower__motion_scale=a, follower__force_scale=b, operator_model__goal_m=0.02 / a)
     pair.run(2400)
     wall, felt = np.array(pair.wall[-150:]), np.array(pair.felt[-150:])
     assert wall.mean() < -0.3

@@ -54,7 +54,7 @@ def test_afterwards_it_is_led_from_where_it_is(kind: str, cause: str, on_stop: s
 
 def test_it_moves_only_while_the_device_is_held() -> None:
     params = {
-        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_hand.amplitude_m": 0.06,
+        "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_model.amplitude_m": 0.06,
         "device.servo": "sampled", "duration_s": 2.0, "device.enable": "0-0.8, 1.6-9", "link.up": "delay 20ms",
         "link.down": "delay 20ms", "record_hz": 1000.0,
     }  # fmt: skip

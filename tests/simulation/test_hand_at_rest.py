@@ -32,16 +32,16 @@ def test_a_sine_that_starts_from_rest(axes: int) -> None:
 
 
 def test_the_sine_of_the_parameters_grows_over_half_a_period() -> None:
-    params = Params().set({"operator": "sine", "operator_hand.frequency_hz": 2.0})
+    params = Params().set({"operator": "sine", "operator_model.frequency_hz": 2.0})
     for periods, grown_s in ((None, 0.25), (1.5, 0.75)):
-        given = params if periods is None else params.set({"operator_hand.start_periods": periods})
+        given = params if periods is None else params.set({"operator_model.start_periods": periods})
         hand = operator(given, make_scene("wall"))
         wanted = Sine(1, HAND, frequency=2.0, start_s=grown_s)
         for t in (0.0, 0.1, 0.24, 0.5, 3.0):
             assert hand.reference(t) == wanted.reference(t)
-    old = operator(params.set({"operator_hand.start_periods": 0.0}), make_scene("wall"))
+    old = operator(params.set({"operator_model.start_periods": 0.0}), make_scene("wall"))
     assert old.reference(0.1) == Sine(1, HAND, frequency=2.0).reference(0.1)
-    assert operator(params.set({"operator_hand.frequency_hz": 0.0}), make_scene("wall")).reference(1.0) == (0.0,)
+    assert operator(params.set({"operator_model.frequency_hz": 0.0}), make_scene("wall")).reference(1.0) == (0.0,)
 
 
 @pytest.mark.parametrize(("name", "rests"), [("sine", 0.0), ("press", 0.04)])
@@ -49,14 +49,14 @@ def test_a_hand_that_holds_still_at_the_end(name: str, rests: float) -> None:
     """For the last 3 s of 10 s: in free space after a sine, at its goal after a press; the same motion before that."""
     params = Params().set({"operator": name, "duration_s": 10.0})
     plain = operator(params, make_scene("wall"))
-    held = operator(params.set({"operator_hand.end_hold_s": 3.0}), make_scene("wall"))
+    held = operator(params.set({"operator_model.end_hold_s": 3.0}), make_scene("wall"))
     grid = np.arange(0.0, 10.0, 0.001).tolist()
     path = np.array([held.reference(t)[0] for t in grid])
     before = [k for k, t in enumerate(grid) if t <= 6.0]
     assert path[before].tolist() == [plain.reference(t)[0] for t in grid if t <= 6.0]
     assert np.all(path[7000:] == rests)
     assert np.abs(np.diff(path)).max() < 1.3e-4  # 0.13 m/s: no jump
-    short = operator(params.set({"operator_hand.end_hold_s": 3.0, "duration_s": 6.9}), make_scene("wall"))
+    short = operator(params.set({"operator_model.end_hold_s": 3.0, "duration_s": 6.9}), make_scene("wall"))
     assert short.reference(6.8) == plain.reference(6.8)
 
 
@@ -71,22 +71,22 @@ def test_a_recorded_hand_stops_where_it_is() -> None:
 
 def test_a_recording_from_before_is_replayed_with_the_sine_that_it_had(tmp_path: Path) -> None:
     """It has no start_periods among its parameters: its sine was full from the start."""
-    params = Params().set({"operator": "sine", "duration_s": 0.2, "operator_hand.start_periods": 0.0})
+    params = Params().set({"operator": "sine", "duration_s": 0.2, "operator_model.start_periods": 0.0})
     recording = simulate(params, 1).recording
-    del recording.meta["params"]["operator_hand"]["start_periods"]
+    del recording.meta["params"]["operator_model"]["start_periods"]
     save(recording, tmp_path / "old.mcap")
-    assert read_original([tmp_path / "old.mcap"]).params.operator_hand.start_periods == 0.0
-    now = simulate(params.set({"operator_hand.start_periods": 0.7}), 1).recording
+    assert read_original([tmp_path / "old.mcap"]).params.operator_model.start_periods == 0.0
+    now = simulate(params.set({"operator_model.start_periods": 0.7}), 1).recording
     save(now, tmp_path / "new.mcap")
-    assert read_original([tmp_path / "new.mcap"]).params.operator_hand.start_periods == 0.7
+    assert read_original([tmp_path / "new.mcap"]).params.operator_model.start_periods == 0.7
 
 
 def test_a_recorded_motion_is_not_brought_to_rest_twice(tmp_path: Path) -> None:
     """The hand's class is gone, so its recorded motion is followed: with the end that it had."""
     params = Params().set({"operator": "tests.assembly.test_user_operator:Circle", "duration_s": 2.0})
-    recording = simulate(params.set({"operator_hand.end_hold_s": 0.3}), 1).recording
+    recording = simulate(params.set({"operator_model.end_hold_s": 0.3}), 1).recording
     recording.meta["params"]["operator"] = "tests.assembly.test_user_operator:Gone"
     save(recording, tmp_path / "run.mcap")
     again = read_original([tmp_path / "run.mcap"]).params
     assert again.operator.endswith("run.mcap")
-    assert again.operator_hand.end_hold_s == 0.0
+    assert again.operator_model.end_hold_s == 0.0

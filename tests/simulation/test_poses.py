@@ -30,7 +30,7 @@ TABLE = "tool:box?size=60mm,40mm,20mm + plane?normal=0,0,-1&at=0,0,-20mm"
 def test_both_sides_are_passive(scene: str, link: str, turn_rad: float) -> None:
     """Rounding is some 1e-16 J; the orientation goes through 180 degrees in the second."""
     params = Params().set(
-        {"scene": scene, "link.up": link, "link.down": link, "duration_s": 4.0, "operator_hand.turn_rad": turn_rad}
+        {"scene": scene, "link.up": link, "link.down": link, "duration_s": 4.0, "operator_model.turn_rad": turn_rad}
     )
     result = simulate(params, seed=3)
     summary = result.summary

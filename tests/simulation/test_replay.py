@@ -30,7 +30,7 @@ from tests.support.replays import QUICK, here as here, recorded, replayed, rewri
         {"scene": "free", "dof": 2, "operator": "sine"},
         {"scene": "box", "operator": "sine", "device__servo": "sampled", "device__resolution_m": 5.5e-5},
         {"scene": "paper", "operator": "hand.csv", "device__stiffness": (100.0, 100.0, 150.0)},
-        {"scene": "free", "operator": "rest", "operator_hand__start_m": 0.01},
+        {"scene": "free", "operator": "rest", "operator_model__start_m": 0.01},
         {"hardware": "omni", "device__substeps": 1},
         {"operator": "own_hand:Smooth", "link__up_timeline": "at 0.4s: down; at 0.8s: up"},
     ],
@@ -72,7 +72,7 @@ def test_where_the_hand_wants_to_be_is_recorded(tmp_path: Path) -> None:
         {"coupling": "zoh"},
         {"link__up": "delay 150ms", "link__down": "delay 150ms"},
         {"world__wall__stiffness": 1000.0},
-        {"operator_hand__stiffness": 300.0},
+        {"operator_model__stiffness": 300.0},
     ],
     ids=["coupling", "link", "scene", "hand"],
 )
@@ -86,7 +86,7 @@ def test_with_something_else_it_differs(tmp_path: Path, changes: dict[str, objec
 
 def test_on_a_bad_link_pspm_is_passive_where_the_plain_coupling_was_not(tmp_path: Path) -> None:
     """A bad session, studied again: the hand of a session without PSPM, with it."""
-    light: dict[str, object] = {"operator": "sine", "operator_hand__frequency_hz": 2.0, "operator_hand__damping": 1.0}
+    light: dict[str, object] = {"operator": "sine", "operator_model__frequency_hz": 2.0, "operator_model__damping": 1.0}
     link: dict[str, object] = {"link__up": "delay 150ms", "link__down": "delay 150ms"}
     recorded(tmp_path / "a.mcap", coupling="zoh", duration_s=4.0, **light, **link)
     _, compared = replayed(tmp_path / "a.mcap", coupling="pspm")
@@ -200,7 +200,7 @@ def test_a_hand_led_live_is_followed(tmp_path: Path) -> None:
         a * w**3 * h**3 / 24 + a * w**4 * h**4 / 384,
     )
     params = original.params
-    hand, device = params.operator_hand, params.device
+    hand, device = params.operator_model, params.device
     mass, damping = hand.mass + device.mass, hand.damping + device.own_damping + float(str(device.damping))
     stiffness = hand.stiffness + float(str(device.stiffness))
     t, response = signal.impulse(([hand.damping, hand.stiffness], [mass, damping, stiffness]), N=20_000)

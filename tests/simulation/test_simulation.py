@@ -95,7 +95,7 @@ def sampled_case(seed: int, changes: dict[str, object]) -> Params:
             "link.up": random_link(rng), "link.down": random_link(rng),
             "device.force_limit_N": float(rng.choice([0.0, 1.0, 3.3])),
             "device.shuffle": str(rng.choice(["harvested", "all"])),
-            "operator_hand.frequency_hz": float(rng.uniform(0.5, 4.0)),
+            "operator_model.frequency_hz": float(rng.uniform(0.5, 4.0)),
             **changes,
         }
     )  # fmt: skip

@@ -19,7 +19,7 @@ from hapnet.simulation.simulation import Simulation
 
 SAMPLED: dict[str, object] = {"device.servo": "sampled", "duration_s": 4.0}
 LIGHT: dict[str, object] = {
-    "operator": "sine", "operator_hand.mass": 0.1, "operator_hand.damping": 0.5, "operator_hand.stiffness": 20.0,
+    "operator": "sine", "operator_model.mass": 0.1, "operator_model.damping": 0.5, "operator_model.stiffness": 20.0,
 }  # fmt: skip
 
 
@@ -41,7 +41,7 @@ def test_a_press_over_an_ideal_link_feels_the_springs_in_series(device: float, w
 
 def test_a_solid_is_measured_as_a_wall_is() -> None:
     """A ball that is pressed in its middle feels as the wall does."""
-    own = {"dof": 3, "duration_s": 2.2, "operator_hand.reach_s": 0.5}
+    own = {"dof": 3, "duration_s": 2.2, "operator_model.reach_s": 0.5}
     wall, ball = (measure(params("delay 20ms 5ms loss 5%", scene=name, **own), 3) for name in ("wall", "sphere"))
     assert all(wall[name] is not None for name in ("stiffness_percent", "true_force_error_N", "first_contact_ms"))
     for name in METRICS:
@@ -78,7 +78,7 @@ def test_the_whole_run_is_measured() -> None:
 
     The force error is that against the run over an ideal link, tick by tick; the power above 20 Hz Welch's, by scipy.
     """
-    given = params("delay 20ms", duration_s=5.0, operator_hand__wait_s=2.5, operator_hand__hold_s=2.0)
+    given = params("delay 20ms", duration_s=5.0, operator_model__wait_s=2.5, operator_model__hold_s=2.0)
     found = measure(given, 4)
     run = simulated(given, 4)
     device, world = run.recording.device, run.recording.world
@@ -103,7 +103,7 @@ def test_the_whole_run_is_measured() -> None:
     for name, parts in errors.items():
         assert len(parts) > 500
         assert found[name] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(parts))), rel=1e-6)
-    ideal = simulated(params("", duration_s=5.0, operator_hand__wait_s=2.5, operator_hand__hold_s=2.0), 4)
+    ideal = simulated(params("", duration_s=5.0, operator_model__wait_s=2.5, operator_model__hold_s=2.0), 4)
     apart = force - ideal.recording.device["force_N"][:, 0]
     assert found["force_error_N"] == pytest.approx(math.sqrt(np.mean(apart**2)), rel=1e-2)
     f, spectrum = signal.welch(force, 1000.0, "hann", nperseg=1000, noverlap=750)

@@ -45,7 +45,7 @@ def test_every_case_once_each_with_its_own_parameters() -> None:
         light = one.operator.endswith("@light")
         assert (found.coupling, found.link.up, found.link.down) == (one.variant.coupling, *LINKS[one.link])
         assert found.operator == one.operator.removesuffix("@light")
-        assert found.operator_hand.mass == (0.1 if light else 0.554)
+        assert found.operator_model.mass == (0.1 if light else 0.554)
         assert found.device.servo == "sampled"
 
 
@@ -57,12 +57,12 @@ def test_each_coupling_is_tried_with_each_deadband() -> None:
 
 def test_an_operator_may_have_parameters_of_its_own() -> None:
     """What one sets, the others have as it is for all; and a relaxed hand may have more."""
-    far, light = "press:operator_hand.start_m=-0.1", "press@light:operator_hand.reach_s=0.5"
-    asked = Plan(QUICK_PARAMS.set({"operator_hand.reach_s": 0.7}), ("pspm",), LINKS, (far, light, "hand-3"), (0,))
+    far, light = "press:operator_model.start_m=-0.1", "press@light:operator_model.reach_s=0.5"
+    asked = Plan(QUICK_PARAMS.set({"operator_model.reach_s": 0.7}), ("pspm",), LINKS, (far, light, "hand-3"), (0,))
     found = {
         one.operator: (one.params.operator, hand.start_m, hand.reach_s, hand.mass)
         for one in asked.cases()
-        for hand in [one.params.operator_hand]
+        for hand in [one.params.operator_model]
     }
     assert found == {
         far: ("press", -0.1, 0.7, 0.554), light: ("press", 0.0, 0.5, 0.1), "hand-3": ("hand-3", 0.0, 0.7, 0.554),
@@ -108,7 +108,7 @@ def test_what_a_coupling_is_called() -> None:
 
 def test_the_cases_are_those_of_a_sweep(tmp_path: Path) -> None:
     """The same parameters after their way through the journal, where each case finds its own row."""
-    base = QUICK_PARAMS.set({"operator_hand.mass": 0.3, "device.stiffness": [[100.0, 5.0], [5.0, 80.0]]})
+    base = QUICK_PARAMS.set({"operator_model.mass": 0.3, "device.stiffness": [[100.0, 5.0], [5.0, 80.0]]})
     for params, operators in (
         (base, ("press", "sine@light")),
         (base, ("press", "sine")),

@@ -222,7 +222,7 @@ SAME = "a link, hand or seed that is not tuned on"
         ('link = ["lan", "4g"]', 'link = ["wifi", "4g"]\nseed = [7, 0]'),
         (f'link = ["{SLOW}"]\nseed = "3:8"', f'link = [{{up = "delay 0.04s 10000us", down = "{SLOW}"}}]\nseed = [7]'),
         ('link = ["lan"]\nworld.wall.stiffness = [1000]', 'link = ["lan"]\nworld.wall.stiffness = [3000]'),
-        ('link = ["lan"]\noperator_hand.mass = [0.1, 0.5]', 'link = ["lan"]\noperator_hand.mass = [0.2, 0.1]'),
+        ('link = ["lan"]\noperator_model.mass = [0.1, 0.5]', 'link = ["lan"]\noperator_model.mass = [0.2, 0.1]'),
         ('seed = [0]', 'seed = [0]'),
     ],
 )  # fmt: skip
@@ -237,7 +237,7 @@ def test_a_case_to_score_on_must_not_be_tuned_on(tmp_path: Path, tuned: str, sco
     [
         ('link = ["lan"]', 'link = ["4g"]'),
         ('link = ["lan"]', 'link = ["lan"]\nseed = [1]'),
-        ("operator_hand.mass = [0.1]", "operator_hand.mass = [0.2]"),
+        ("operator_model.mass = [0.1]", "operator_model.mass = [0.2]"),
         ('operator = ["sine"]', 'operator = ["press"]'),
         ('link.up = ["lan"]\nlink.down = ["4g"]', 'link.up = ["4g"]\nlink.down = ["lan"]'),
     ],

@@ -67,9 +67,9 @@ def test_the_full_set_has_what_ten_seconds_do_not_show(monkeypatch: pytest.Monke
     assert plans["minutes"].operators == HANDS == tuple(f"hand-{number}" for number in range(21, 41))
     assert plans["minutes"].params.duration_s == 300.0
     assert {one.params.device.stiffness for one in plans["stiffness"].cases()} == {100.0, 300.0, 700.0}
-    assert {one.params.operator_hand.start_m for one in plans["taps"].cases()} == {0.0, -0.05, -0.1, -0.15}
+    assert {one.params.operator_model.start_m for one in plans["taps"].cases()} == {0.0, -0.05, -0.1, -0.15}
     for words in TAPS:  # minimum jerk is fastest in its middle: 15/8 of the mean
-        hand = plans["taps"].case(Variant("pspm"), "4g", words, 0).params.operator_hand
+        hand = plans["taps"].case(Variant("pspm"), "4g", words, 0).params.operator_model
         peak = 15.0 / 8.0 * (hand.goal_m - hand.start_m) / hand.reach_s
         assert min(abs(peak / speed - 1.0) for speed in (0.2, 0.4, 0.8)) < 0.01
 

@@ -23,7 +23,7 @@ from tests.support.commands import Capture
 POSITIVE = st.floats(0.1, 1e6)
 PRESSED: dict[str, object] = {
     "link.up": "", "link.down": "", "world.step_min_s": 0.001, "world.step_max_s": 0.001, "duration_s": 4.0,
-    "operator_hand.hold_s": 5.0,
+    "operator_model.hold_s": 5.0,
 }  # fmt: skip
 """Without a link, and held until the end."""
 

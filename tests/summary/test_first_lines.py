@@ -33,8 +33,8 @@ def lines(summary: dict[str, Any], *, verbose: bool = False) -> list[str]:
 
 LOOSE = {
     "rendering": "paper",
-    "operator_hand.stiffness": 10.0,
-    "operator_hand.damping": 0.1,
+    "operator_model.stiffness": 10.0,
+    "operator_model.damping": 0.1,
     "device.stiffness": 1000.0,
 }
 

@@ -117,7 +117,8 @@ def test_after_the_start_is_never_above_the_end_in_1000_whole_runs() -> None:
             "coupling": names[number % len(names)], "operator": str(rng.choice(HANDS)),
             "scene": str(rng.choice(SCENES)),
             "duration_s": round(float(rng.uniform(0.2, 8.0)), 3), "link.up": link, "link.down": link,
-            "operator_hand.wait_s": 0.0, "device.servo": "sampled", "device.watchdog_s": float(rng.choice([0.0, 0.02])),
+            "operator_model.wait_s": 0.0, "device.servo": "sampled",
+            "device.watchdog_s": float(rng.choice([0.0, 0.02])),
         })  # fmt: skip
         result = simulate(params, seed=number)
         whole = result.recording

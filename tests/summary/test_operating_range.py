@@ -135,11 +135,11 @@ def test_a_stiffness_that_a_device_does_not_render_is_refused(device: type, give
 @pytest.mark.parametrize(
     "changes",
     [
-        {"operator_hand.goal_m": 40.0},
-        {"operator_hand.start_m": -30.0},
-        {"operator_hand.amplitude_m": 30.0},
-        {"operator_hand.press_depth_m": 8.0},
-        {"operator_hand.hover_m": 6.0},
+        {"operator_model.goal_m": 40.0},
+        {"operator_model.start_m": -30.0},
+        {"operator_model.amplitude_m": 30.0},
+        {"operator_model.press_depth_m": 8.0},
+        {"operator_model.hover_m": 6.0},
         {"world.wall.position_m": 20.0},
         {"world.wall.half_width_m": 30.0},
         {"device.resolution_m": 0.055},

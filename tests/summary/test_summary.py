@@ -128,7 +128,7 @@ def test_after_a_restart_what_was_recorded_is_not_all() -> None:
 @pytest.fixture(scope="module")
 def soft() -> Any:
     """PD into a soft wall: far more goes in at the hand, and out at the world, than d^2."""
-    wall = {"world.wall.stiffness": 100.0, "world.wall.damping": 0.0, "operator_hand.goal_m": 0.2}
+    wall = {"world.wall.stiffness": 100.0, "world.wall.damping": 0.0, "operator_model.goal_m": 0.2}
     return simulate(Params().set({**wall, "coupling": "pd", "duration_s": 4.0, "device.servo": "sampled"}), 0)
 
 

@@ -8,9 +8,9 @@ from hapnet.simulation.simulation import Simulation
 
 LIGHT_HAND: Mapping[str, object] = {
     "operator": "sine",
-    "operator_hand.mass": 0.05,
-    "operator_hand.damping": 0.5,
-    "operator_hand.stiffness": 60.0,
+    "operator_model.mass": 0.05,
+    "operator_model.damping": 0.5,
+    "operator_model.stiffness": 60.0,
     "device.servo": "sampled",
     "duration_s": 6.0,
 }

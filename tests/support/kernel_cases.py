@@ -17,7 +17,7 @@ MINE = dataclasses.replace(pspm.LAW, name="mine")
 _LOSING = "delay 20ms loss 40%"
 LOSSY = Params().set(
     {
-        "device.servo": "sampled", "duration_s": 1.0, "operator": "sine", "operator_hand.frequency_hz": 1.5,
+        "device.servo": "sampled", "duration_s": 1.0, "operator": "sine", "operator_model.frequency_hz": 1.5,
         "device.damping": 2.0, "link.up": _LOSING, "link.down": _LOSING,
     }
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Edges of links, energy and timing, by name: what a hand-written twin of the protocol gets wrong first."""
 
-LIVELY = {"operator": "sine", "operator_hand.frequency_hz": 1.5, "device.damping": 2.0}
+LIVELY = {"operator": "sine", "operator_model.frequency_hz": 1.5, "device.damping": 2.0}
 """A hand that shakes: both sides harvest more than they keep."""
 
 ONE_AXIS: dict[str, dict[str, object]] = {
@@ -61,7 +61,7 @@ ONE_AXIS: dict[str, dict[str, object]] = {
         "link.down": "delay 15ms 5ms loss 20% 10% resend 2 7ms unordered",
     },
     "resends on one way": {"link.up": "5g", "link.down": "delay 20ms reorder 10% loss 5%"},
-    "box": {**LIVELY, "scene": "box", "dof": 1, "world.wall.half_width_m": 0.01, "operator_hand.amplitude_m": 0.05},
+    "box": {**LIVELY, "scene": "box", "dof": 1, "world.wall.half_width_m": 0.01, "operator_model.amplitude_m": 0.05},
     "smoothing": {"device.smoothing_s": 0.005, "world.predict_s": 0.02},
     "released on silence": {"world.on_silence": "release", "link.up": "delay 5ms loss gemodel 2% 1%"},
     "stale samples": {"wire.accept_stale": True, "link.up": "delay 9ms 9ms"},

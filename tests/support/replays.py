@@ -17,7 +17,7 @@ from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import Result, simulate
 
 Capture = pytest.CaptureFixture[str]
-QUICK: dict[str, object] = {"duration_s": 1.2, "operator_hand.wait_s": 0.1, "operator_hand.reach_s": 0.4}
+QUICK: dict[str, object] = {"duration_s": 1.2, "operator_model.wait_s": 0.1, "operator_model.reach_s": 0.4}
 
 OWN = """
 import math

@@ -145,7 +145,7 @@ def test_a_tool_that_turns_is_drawn_at_both_poses_and_led_by_three_axes(browser:
 
 @pytest.mark.slow
 def test_a_run_that_is_not_passive_says_so(browser: Browser, tmp_path: Path) -> None:
-    light = {"operator_hand.mass": 0.1, "operator_hand.damping": 1.0, "duration_s": 10.0, "rendering": "paper"}
+    light = {"operator_model.mass": 0.1, "operator_model.damping": 1.0, "duration_s": 10.0, "rendering": "paper"}
     with opened(browser, (1280, 720), scene="free", operator="sine", coupling="zoh", watching=True, **light) as shown:
         expect(shown.page.locator(".hapnet-passive")).to_have_text("NOT passive")
         keep(shown.page, tmp_path, "not-passive")

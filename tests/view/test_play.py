@@ -281,8 +281,8 @@ def test_what_no_page_can_show_or_lead_is_refused(change: str, words: str, capsy
 
 
 def test_the_hand_is_relaxed_unless_it_was_set() -> None:
-    assert led(Params()).operator_hand.stiffness == RELAXED_HAND["operator_hand.stiffness"]
-    assert led(Params().set({"operator_hand.mass": 1.0})).operator_hand.stiffness == Params().operator_hand.stiffness
+    assert led(Params()).operator_model.stiffness == RELAXED_HAND["operator_model.stiffness"]
+    assert led(Params().set({"operator_model.mass": 1.0})).operator_model.stiffness == Params().operator_model.stiffness
     assert led(Params().set({"operator": "press", "duration_s": 3.0})).operator == "mouse"
 
 

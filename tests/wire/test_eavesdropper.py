@@ -44,7 +44,7 @@ def test_who_listens_reads_nothing_but_who_is_there(has_word: bool, tmp_path: Pa
         3,
         "--once",
         "--set",
-        "operator_hand.wait_s=0",
+        "operator_model.wait_s=0",
         *(["--secret-file", word] if has_word else []),
     ]
     with (

@@ -48,7 +48,7 @@ def handle_tick(options: Options) -> Row:
 def side_tick_pose(options: Options) -> Row:
     """A whole tick of the device's side of a tool: hand, handle, servo, contact model, messages."""
     what = "tick of a device's side, simulated: six degrees of freedom, a box on a table"
-    scene = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_hand.turn_rad": 0.3}
+    scene = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_model.turn_rad": 0.3}
     return _of_a_side("side_tick_pose", what, scene, options)
 
 

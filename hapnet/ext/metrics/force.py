@@ -68,7 +68,7 @@ def true_force_error_last_percent(run: Measured) -> float | None:
 @metric("residual oscillation", "N", "lower", over="time from 1 to 3 s after a stop")
 def swing_N(run: Measured) -> float | None:
     """Root mean square of the force without its mean, from 1 to 3 s after the hand's reference has stopped; the
-    largest if it stops more than once. None: it never stops for 3 s (see operator_hand.end_hold_s)"""
+    largest if it stops more than once. None: it never stops for 3 s (see operator_model.end_hold_s)"""
     return residual_oscillation(run.recording)
 
 

@@ -183,7 +183,7 @@ class Measured:
     @property
     def windows(self) -> tuple[Span, Span] | tuple[None, None]:
         """The first 10 s and the last minute before the hand comes to rest; None: the run is too short."""
-        return first_and_last(self.params.duration_s, self.params.operator_hand.end_hold_s) or (None, None)
+        return first_and_last(self.params.duration_s, self.params.operator_model.end_hold_s) or (None, None)
 
     @property
     def scalar(self) -> bool:

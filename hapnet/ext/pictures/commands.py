@@ -32,7 +32,7 @@ FIGURES = ("fig4", "fig5", "fig6")
 Figure = Annotated[str, typer.Argument(help="fig4, fig5 or fig6.", autocompletion=complete.words(*FIGURES))]
 SECTION_4: dict[str, object] = {
     "rendering": "paper", "scene": "wall", "operator": "press", "link.up": "", "link.down": "",
-    "record_hz": 1000.0, "operator_hand.start_periods": 0.0, "operator_hand.end_hold_s": 0.0,
+    "record_hz": 1000.0, "operator_model.start_periods": 0.0, "operator_model.end_hold_s": 0.0,
     "device.stiffness": 100.0, "device.ceiling_J": 0.05,
 }  # fmt: skip
 """One computer: device and virtual world on the same machine, without a link between them. The hand is as it was when

@@ -40,7 +40,7 @@ def parted(text: str, flag: str = "--coupling") -> tuple[str, dict[str, str]]:
 
 
 def hand(operator: str) -> tuple[str, dict[str, object]]:
-    """Split ``press@light:operator_hand.reach_s=0.5`` into the operator's name and the parameters that are set.
+    """Split ``press@light:operator_model.reach_s=0.5`` into the operator's name and the parameters that are set.
 
     Raises InvalidParameter: a parameter is set twice.
     """

@@ -14,7 +14,7 @@ from hapnet.params import Params
 from netem.presets import ALIASES, PRESETS
 from netem.units import format_path
 
-BASE = Params().set({"device.servo": "sampled", "operator_hand.end_hold_s": 3.0}, COMMAND)
+BASE = Params().set({"device.servo": "sampled", "operator_model.end_hold_s": 3.0}, COMMAND)
 """The base of all cases: the sampled servo of real hardware, at 1 kHz. At the end the hand holds still, so that
 oscillations show."""
 

@@ -22,7 +22,7 @@ _FAR = ("lan", "4g", "leo", "intercontinental")
 def _tap(start_m: float, peak_mps: float) -> str:
     """A press from `start_m` to 40 mm with this peak speed, which with minimum jerk is 1.875 times the mean speed."""
     reach_s = 1.875 * (0.04 - start_m) / peak_mps
-    return f"press:operator_hand.start_m={start_m:g}:operator_hand.reach_s={reach_s:.3g}"
+    return f"press:operator_model.start_m={start_m:g}:operator_model.reach_s={reach_s:.3g}"
 
 
 TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) for peak_mps in (0.2, 0.4, 0.8))

@@ -53,10 +53,10 @@ JUDGED = (
 _IDEAL: dict[str, object] = {
     "scene": "wall", "dof": 1, "link.up": "", "link.down": "", "world.step_min_s": 1e-3, "world.step_max_s": 1e-3,
     "world.wall.stiffness": 1e5, "world.wall.damping": 1e3, "world.wall.position_m": 0.02, "device.servo": "sampled",
-    "operator": "press", "operator_hand.mass": 0.0, "operator_hand.damping": 0.0, "operator_hand.stiffness": 135.0,
-    "operator_hand.tremor_m": 0.0, "operator_hand.start_m": 0.0, "operator_hand.goal_m": 0.028,
-    "operator_hand.wait_s": 0.1, "operator_hand.reach_s": 0.7, "operator_hand.hold_s": HELD_S + 0.1,
-    "operator_hand.end_hold_s": 0.0, "duration_s": HELD_S + 0.9,
+    "operator": "press", "operator_model.mass": 0.0, "operator_model.damping": 0.0, "operator_model.stiffness": 135.0,
+    "operator_model.tremor_m": 0.0, "operator_model.start_m": 0.0, "operator_model.goal_m": 0.028,
+    "operator_model.wait_s": 0.1, "operator_model.reach_s": 0.7, "operator_model.hold_s": HELD_S + 0.1,
+    "operator_model.end_hold_s": 0.0, "duration_s": HELD_S + 0.9,
 }  # fmt: skip
 
 

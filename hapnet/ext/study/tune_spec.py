@@ -127,7 +127,7 @@ def _circumstances(spec: Spec, case: Case) -> tuple[Any, ...]:
     """Link, hand and seed of a case, in a form in which equal links are equal, however they are written."""
     every = flat_of(spec.fixed, case.values)
     every |= {name: profile(name, every[name]) for name in ("link.up", "link.down")}
-    hand = [name for name in every if name == "operator" or name.startswith((f"{LINK}.", "operator_hand."))]
+    hand = [name for name in every if name == "operator" or name.startswith((f"{LINK}.", "operator_model."))]
     return case.seed, *(every[name] for name in hand)
 
 

@@ -23,7 +23,7 @@ from hapnet.simulation.simulation import Simulation
 
 SPRINGS = ("device.stiffness", "world.stiffness", "world.wall.stiffness")
 _PRESS: dict[str, object] = {
-    "operator": "press", "operator_hand.wait_s": 0.1, "operator_hand.reach_s": 0.7, "operator_hand.end_hold_s": 0.0
+    "operator": "press", "operator_model.wait_s": 0.1, "operator_model.reach_s": 0.7, "operator_model.end_hold_s": 0.0
 }  # fmt: skip
 _HELD_S = UNTIL_S + 0.1
 
@@ -51,12 +51,12 @@ def z_width(
     """The stiffest wall for which no seed ends in a limit cycle, within a factor of `ratio`.
 
     All `springs` are multiplied by the same factor, between `least` and `most`; a stiffness is as it would be felt over
-    an ideal link (`ideal_stiffness`). The hand is set by `params` and presses to `operator_hand.goal_m`; its
+    an ideal link (`ideal_stiffness`). The hand is set by `params` and presses to `operator_model.goal_m`; its
     schedule and the duration are set here.
 
     Raises HapnetError, netem.NetemError: the parameters do not make a run.
     """
-    timing = {"operator_hand.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
+    timing = {"operator_model.hold_s": _HELD_S, "duration_s": 0.8 + _HELD_S, "record_hz": params.device.servo_hz}
     servo = {"device.servo": "sampled"} if params.device.servo == "auto" else {}
     pressing, tried = choosing(params.set({**_PRESS, **timing, **servo}), spring), tuple(seeds)
 

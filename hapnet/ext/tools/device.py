@@ -190,8 +190,8 @@ class TurningHand(WrappedHand):
     def __init__(self, hand: Operator, turn_rad: float, turn_hz: float, arm_m: float = ARM_M) -> None:
         self.impedance: Impedance = hand.impedance
         self.hand, self._arm_m = hand, arm_m
-        self._turn = 0.0 if isinstance(hand, LiveHand) else checks.non_negative("operator_hand.turn_rad", turn_rad)
-        self._omega = 2.0 * pi * checks.non_negative("operator_hand.turn_hz", turn_hz)
+        self._turn = 0.0 if isinstance(hand, LiveHand) else checks.non_negative("operator_model.turn_rad", turn_rad)
+        self._omega = 2.0 * pi * checks.non_negative("operator_model.turn_hz", turn_hz)
 
     def reference(self, t: float) -> Vector:
         """The pose (12,) [m] at t [s]."""

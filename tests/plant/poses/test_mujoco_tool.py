@@ -70,7 +70,7 @@ def test_planes_before_it_touches_are_those_of_its_corners(table: str) -> None:
 def test_a_box_on_a_table_over_4g(table: str, turn_rad: float) -> None:
     result = simulate(
         {"scene": f"tool:box + {table}", "link.up": "4g", "link.down": "4g", "duration_s": 4.0,
-         "operator_hand.turn_rad": turn_rad}
+         "operator_model.turn_rad": turn_rad}
     )  # fmt: skip
     summary = result.summary
     assert summary["verdict"]["passive"]

@@ -33,7 +33,7 @@ SCENES = {
 
 
 def over_a_link(scene: str, index: int, **changes: object) -> Result:
-    hand = {"operator": ("sine", "press", "rest")[index % 3], "operator_hand.frequency_hz": 0.3 + 0.2 * (index % 5)}
+    hand = {"operator": ("sine", "press", "rest")[index % 3], "operator_model.frequency_hz": 0.3 + 0.2 * (index % 5)}
     steps = ((0.001, 0.001), (0.01, 0.05), (0.1, 0.1), (0.004, 0.02))
     return over_random_link(scene, index, steps, {**hand, "duration_s": 1.2, **changes})
 

@@ -51,7 +51,7 @@ def test_the_report_shows_solids_and_only_those() -> None:
 
 def test_the_largest_force_is_in_its_friction_cone() -> None:
     """At the middle of the sphere's front, where the hand presses: mu is the cone's slope."""
-    words = {"scene": "sphere?friction=0.4", "operator_hand.start_periods": 0.0, "duration_s": 1.5}
+    words = {"scene": "sphere?friction=0.4", "operator_model.start_periods": 0.0, "duration_s": 1.5}
     figure = scene_figure(simulate(Params().set(words), seed=1).recording)
     assert figure is not None
     lines = [np.transpose(line.get_data_3d()) for line in figure.axes[0].get_lines()]

@@ -133,7 +133,7 @@ def run_pressed(scene: str, link: str, steps_s: tuple[float, float], seconds: fl
     """The depths in a simulated run over a bad link, whose account is checked."""
     params = Params().set({
         "scene": scene, "operator": "press", "link.up": link, "link.down": link, "duration_s": seconds,
-        "operator_hand.goal_m": 0.033, "operator_hand.reach_s": 1.5, "operator_hand.hold_s": 0.3,
+        "operator_model.goal_m": 0.033, "operator_model.reach_s": 1.5, "operator_model.hold_s": 0.3,
         "device.stiffness": 100.0,
         "world.step_min_s": steps_s[0], "world.step_max_s": steps_s[1], **more,
     })  # fmt: skip

@@ -39,7 +39,7 @@ def play(
 
     Each coupling is a new pair with its own verdict; --json writes the summary of the last pair. The page
     shows the parts of the force, and can also pause, restart and record. The hand is relaxed unless
-    `operator_hand` is set.
+    `operator_model` is set.
 
     With -e or -l only the hand runs here. The world is `hapnet world` on another host, which this side dials
     (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are taken from the world. Ctrl-C ends it as it
@@ -125,5 +125,5 @@ def led(params: Params) -> Params:
     """`params` for a hand that follows the mouse, without a duration; the default hand becomes relaxed."""
     from hapnet.assembly.operators import LIVE
 
-    given = any(name.startswith("operator_hand.") for name in params.given)
+    given = any(name.startswith("operator_model.") for name in params.given)
     return params.set({**({} if given else RELAXED_HAND), "operator": LIVE, "duration_s": 0.0}, COMMAND)
