@@ -34,7 +34,7 @@ _REAL_TIME = ("hapnet.ext.bench", "hapnet.realtime", "hapnet.transport", "netem.
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.ext.compiled.real_time", "hapnet.simulation",
                "hapnet.ext.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
-_VIRTUAL_TIME = ("tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
+_VIRTUAL_TIME = ("tests.assembly", "tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
 
 
 def pytest_configure() -> None:

@@ -34,6 +34,9 @@ from netem import LinkProfile
 from netem.errors import ProfileError
 
 SHORT = Options(seconds=0.1, rounds=1)
+BY_HAND = ("batch_1000", "page_mesh", "servo_traffic_2khz", "servo_traffic_5khz", "one_way_latency",
+           "one_way_latency_realtime")  # fmt: skip
+"""Measures that take many seconds; but for the first one, others of these tests run the same code."""
 
 
 def double(wait_for_start: WaitForStart, value: int) -> tuple[int, int]:
@@ -353,7 +356,7 @@ def test_latency_beside_raw_zenoh(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.soak if name == "batch_1000" else pytest.mark.slow) for name in ROWS]
+    "name", [pytest.param(name, marks=pytest.mark.soak if name in BY_HAND else pytest.mark.slow) for name in ROWS]
 )
 def test_every_row_is_measured(name: str) -> None:
     assert ROWS[name](SHORT).name == name

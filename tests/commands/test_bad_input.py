@@ -8,7 +8,8 @@ import pytest
 
 from hapnet import cli
 from netem import cli as netem_cli
-from tests.support.bad_input import EVERY, FILES, SLOW, Bad
+from tests.conftest import mostly_slow
+from tests.support.bad_input import BY_HAND, EVERY, FILES, SLOW, Bad
 from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import without_progress
 from tests.support.typed_input import TYPED
@@ -27,7 +28,7 @@ def files(empty_directory: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize(
     "wrong",
-    [*EVERY, *TYPED, *(pytest.param(one, marks=pytest.mark.slow) for one in SLOW)],
+    [*EVERY, *TYPED, *mostly_slow([(one,) for one in (*SLOW, *BY_HAND)], 0, len(SLOW))],
     ids=lambda one: " ".join((one.program, *one.argv)),
 )
 def test_a_wrong_input_is_answered_in_one_line(wrong: Bad, files: Path, capsys: Capture) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.recording.mcap import read_recording
+from tests.conftest import mostly_slow
 from tests.support.arms import ARM, assert_no_force_last, heard as heard, here as here, linux, pressing
 from tests.support.commands import Capture
 from tests.support.processes import child_of, started
@@ -78,7 +79,7 @@ def test_ctrl_c_inside_a_part_is_no_failure_of_it(flag: str, part: str, capsys: 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        pytest.param(("run", "--operator", "parts:Tired", "--out", "r"), TIRED, marks=pytest.mark.slow),
+        pytest.param(("run", "--operator", "parts:Tired", "--out", "r"), TIRED, marks=pytest.mark.soak),
         (("run", "--scene", "parts:short", *ARM, "--out", "r", "--duration", "20"), SHORT),
         (("simulate", "--operator", "parts:Tired", "--no-files"), TIRED),
         (("simulate", "--scene", "parts:short", "--no-files"), SHORT),
@@ -100,8 +101,7 @@ def test_a_part_of_ones_own_that_raises_is_named_in_one_line(words: tuple[str, .
 
 
 @linux
-@pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize("more", mostly_slow([(("--realtime",),), ((),)], 0, 1), ids=["realtime", "thread"])
 def test_the_children_of_a_run_that_is_killed_end_in_order(more: tuple[str, ...]) -> None:
     """They would hold the device for ever."""
     with started("run", *ARM, "--duration", 0, "--out", "r", *more) as program:

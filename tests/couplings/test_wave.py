@@ -16,6 +16,7 @@ from hapnet.ext.laws.parts import wave_port
 from hapnet.ext.laws.wave import MOST, DelayLine
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 from tests.support.processes import read_json, started
 from tests.support.wave_ports import Counted, put_in, shake
 
@@ -232,9 +233,10 @@ def test_the_rule() -> None:
     assert (own.stiffness_N_m, own.damping_Ns_m) == (300.0, 2.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("coupling", "more"), [("wave", ("--realtime",)), ("digital-wave", ())], ids=["wave-realtime", "digital-wave"]
+    ("coupling", "more"),
+    mostly_slow([("wave", ("--realtime",)), ("digital-wave", ())], 0, 1),
+    ids=["wave-realtime", "digital-wave"],
 )
 def test_two_processes_over_zenoh(coupling: str, more: tuple[str, ...], tmp_path: Path) -> None:
     out = tmp_path / "run"

@@ -21,8 +21,8 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> str:
     ("fault", "code", "said"),
     [
         ("", 0, ""),
-        ("STUB_FAULT=2:0.3:0x0302", 0, "HD_COMM_ERROR: is it connected?"),
-        ("STUB_FAULT=2:0.01:0x0200", 0, "its motors are warm"),
+        pytest.param("STUB_FAULT=2:0.3:0x0302", 0, "HD_COMM_ERROR: is it connected?", marks=pytest.mark.soak),
+        pytest.param("STUB_FAULT=2:0.01:0x0200", 0, "its motors are warm", marks=pytest.mark.soak),
         ("STUB_FAULT=3:60:0x0302", 3, "the device is silent at the end"),
         ("STUB_CALIBRATION=0x5002", 2, "put its stylus into the inkwell, then start again"),
     ],

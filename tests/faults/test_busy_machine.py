@@ -36,9 +36,8 @@ def ran(what: str, out: Path, *argv: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("more", "duration_s"),
     [
-        pytest.param(more, duration_s, marks=mark)
-        for duration_s, mark in ((10.0, pytest.mark.slow), (600.0, pytest.mark.soak))
-        for more in ((), ("--realtime",))
+        pytest.param(("--realtime",), 10.0, marks=pytest.mark.slow),
+        *(pytest.param(*case, marks=pytest.mark.soak) for case in (((), 10.0), ((), 600.0), (("--realtime",), 600.0))),
     ],
 )
 def test_beside_four_busy_loops_no_run_is_below_the_bound(

@@ -142,7 +142,7 @@ def assert_sides_left_theirs(code: int, folder: Path, when: str, since: str, *, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("who", "number"), [(who, number) for who, number in CASES if who in SIDES])
+@pytest.mark.parametrize(("who", "number"), [("world", signal.SIGKILL), ("device", signal.SIGTERM)])
 def test_a_side_that_ends_leaves_a_verdict_and_a_summary(who: str, number: signal.Signals, tmp_path: Path) -> None:
     ended(who, number, Moment("paired", 2.0), tmp_path)
 

@@ -128,8 +128,8 @@ def ended(who: str, number: signal.Signals, moment: Moment, out: Path) -> None:
 
 
 CASES = [(who, number) for who in WHO for number in SIGNALS]
-OFTEN = [(who, number) for who, number in CASES if number == signal.SIGKILL] + [
-    ("launcher", signal.SIGTERM), ("device", signal.SIGTERM), ("world", signal.SIGSTOP), ("servo", signal.SIGSTOP),
+OFTEN = [
+    ("launcher", signal.SIGKILL), ("world", signal.SIGKILL), ("device", signal.SIGTERM), ("servo", signal.SIGSTOP),
 ]  # fmt: skip
 
 

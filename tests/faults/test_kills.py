@@ -33,7 +33,7 @@ RESERVOIRS_J: dict[Role, float] = {"device": 0.1, "world": 0.05}
 
 
 KILLS = [
-    ("device", "release", 5, "paper"), ("world", "release", 2, "hapnet"),
+    ("device", "release", 2, "paper"), ("world", "release", 2, "hapnet"),
     ("device", "hold", 20, "paper"), ("device", "release", 20, "hapnet"),
     ("world", "hold", 20, "paper"), ("world", "release", 20, "hapnet"),
 ]  # fmt: skip

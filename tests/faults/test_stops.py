@@ -37,8 +37,8 @@ def test_each_host_asleep(asleep_s: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "stopped",
     [
-        pytest.param("parent", marks=pytest.mark.slow),
-        pytest.param("servo", marks=pytest.mark.slow),
+        pytest.param("parent", marks=pytest.mark.soak),
+        pytest.param("servo", marks=pytest.mark.soak),
         pytest.param("both", marks=pytest.mark.slow),
     ],
 )

@@ -12,9 +12,9 @@ from hapnet.checks import Array
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.samples import Recording, join
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.measure.endurance import (
     HANDS,
-    LINKS,
     PARTS,
     SCENES,
     TAPS,
@@ -50,8 +50,7 @@ def test_a_minute_of_a_hand_at_a_wall() -> None:
     assert run.contacts <= 1.2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["ball", "bracket", "moving"])
+@pytest.mark.parametrize("name", mostly_slow(["bracket", "moving", "ball"], 0, 2))
 def test_a_minute_of_a_hand_at_other_worlds(name: str, tmp_path: Path) -> None:
     run = long_run("4g", "hand-22", 60.0, "pspm", SCENES[name](tmp_path))
     check(run)
@@ -112,8 +111,7 @@ def test_the_measures_themselves() -> None:
     assert visits(np.array([1, 0, 1, 1, 0, 0, 1, 0], dtype=bool)) == 3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", mostly_slow(["4g", "intercontinental", "lan", "wifi", "leo"], 0, 2))
 def test_ten_minutes_over_every_link(link: str) -> None:
     """Hands on which nothing was tuned; what is compared with the plain spring has the same stages. A hand's first ten
     seconds are not like its others, so that the ratio to them is compared too. Between continents the worst hands'

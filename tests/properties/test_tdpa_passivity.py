@@ -226,4 +226,4 @@ def test_100_s_do_not_leak_and_forgiven_debts_would(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("operator", ["press", "sine"])
 @pytest.mark.parametrize("link", BAD_LINKS)
 def test_long_runs_stay_passive(link: str, operator: str) -> None:
-    assert_claimed(*simulated(link, operator, 60.0, seed=2))
+    assert_claimed(*simulated(link, operator, 30.0, seed=2))

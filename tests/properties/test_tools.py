@@ -2,13 +2,12 @@
 
 import pytest
 
+from tests.conftest import mostly_slow
 from tests.measure.insertions import DEEP_M, insert
 from tests.measure.tools import felt, run
 
-pytestmark = pytest.mark.slow
 
-
-@pytest.mark.parametrize("turn_rad", [0.1, 0.2])
+@pytest.mark.parametrize("turn_rad", mostly_slow([0.2, 0.1], 0, 1))
 def test_force_and_torque_of_a_box_on_a_table(turn_rad: float) -> None:
     """At most 3 % are asked, rms, of the true peak; 0.2 and 0.6 % were measured."""
     found = felt(run({"operator_model.turn_rad": turn_rad}))
@@ -20,7 +19,7 @@ def test_force_and_torque_of_a_box_on_a_table(turn_rad: float) -> None:
     assert found.env_slack_J >= -1e-15
 
 
-@pytest.mark.parametrize(("link", "number"), [("4g", 1), ("wan-intercontinental", 2)])
+@pytest.mark.parametrize(("link", "number"), mostly_slow([("wan-intercontinental", 2), ("4g", 1)], 0, 1))
 def test_a_peg_goes_into_its_hole(link: str, number: int) -> None:
     """As deep as on the spot; torque steps of at most 10 mNm are asked."""
     found, spot = insert(number, link), insert(number)

@@ -117,7 +117,7 @@ async def test_keys_that_fall_silent_in_the_middle_are_mended() -> None:
     ("protocol", "count"),
     [
         pytest.param("udp", 5, marks=pytest.mark.slow),
-        pytest.param("quic", 5, marks=pytest.mark.slow),
+        pytest.param("quic", 5, marks=pytest.mark.soak),
         pytest.param("udp", 100, marks=pytest.mark.soak),
         pytest.param("quic", 100, marks=pytest.mark.soak),
     ],

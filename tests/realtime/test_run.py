@@ -134,9 +134,9 @@ def test_a_deadband_sends_less_and_shuffles_all_the_same_and_no_files_are_left(
 @pytest.mark.parametrize(
     ("number", "code", "more"),
     [
-        pytest.param(signal.SIGINT, 130, (), marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 130, (), marks=pytest.mark.soak),
         pytest.param(signal.SIGINT, 130, ("--realtime",), marks=pytest.mark.slow),
-        pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.soak),
     ],
 )
 def test_a_signal_stops_a_run_cleanly(number: signal.Signals, code: int, more: tuple[str, ...], tmp_path: Path) -> None:

@@ -40,8 +40,8 @@ REPORTED_NS = 2_500_000_000
         (signal.SIGINT, 130, ()),
         pytest.param(signal.SIGHUP, 129, ("--realtime",), marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, 143, (), marks=pytest.mark.slow),
-        pytest.param(signal.SIGTERM, 143, ("--realtime",), marks=pytest.mark.slow),
-        pytest.param(signal.SIGHUP, 129, (), marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, ("--realtime",), marks=pytest.mark.soak),
+        pytest.param(signal.SIGHUP, 129, (), marks=pytest.mark.soak),
     ],
 )
 def test_forces_go_to_zero_before_anything_else(number: signal.Signals, code: int, more: tuple[str, ...]) -> None:

@@ -15,6 +15,7 @@ from hapnet.ext.solids.mesh_surface import volume
 from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import Cuboid, HalfSpace, Shape
 from hapnet.plant.integrator import PassiveIntegrator
+from tests.conftest import mostly_slow
 from tests.measure import curved
 from tests.metrics.test_contact import random_spd
 from tests.support.mesh_runs import ball, boxes, extruded, felt, pressed, words
@@ -112,9 +113,8 @@ OVERLAP = ((0.03, 0.0, 0.0), (0.02, 0.04, 0.04)), ((0.04, 0.01, 0.0), (0.03, 0.0
 INVERTED = (boxes(*OVERLAP)[0], np.concatenate([boxes(OVERLAP[0])[1], boxes(OVERLAP[0])[1][:, ::-1] + 8]))
 
 
-@pytest.mark.slow
 @steps()
-@pytest.mark.parametrize("speed", [0.05, 0.2, 0.7])
+@pytest.mark.parametrize("speed", mostly_slow([0.05, 0.7, 0.2], 0, 2))
 @pytest.mark.parametrize("mesh", [boxes(*PLATES), boxes(*OVERLAP), INVERTED, torus(), CORNER],
                          ids=["plates", "overlapping", "inverted", "tube", "corner"])  # fmt: skip
 def test_over_4g_a_solid_stops_the_hand(
@@ -149,7 +149,7 @@ def in_slot(x: Array) -> Array:
 
 
 @steps()
-@pytest.mark.parametrize("speed", [pytest.param(0.05, marks=pytest.mark.slow), 0.2], ids=["50 mm/s", "200 mm/s"])
+@pytest.mark.parametrize("speed", [pytest.param(0.05, marks=pytest.mark.soak), 0.2], ids=["50 mm/s", "200 mm/s"])
 @pytest.mark.parametrize(("mesh", "deep_m", "aside_m", "own"),
                          [(CORNER, 0.03, 0.02, in_corner), (SLOT, 0.04, 0.012, in_slot)],
                          ids=["corner", "slot"])  # fmt: skip

@@ -48,7 +48,7 @@ def test_a_passive_scene_over_a_link(name: str, tmp_path: Path) -> None:
     check(result)
 
 
-@pytest.mark.parametrize("index", mostly_slow(range(100), 0, 40))
+@pytest.mark.parametrize("index", mostly_slow(range(100), 0, 16))
 def test_passive_scenes_over_a_hundred_random_links(index: int, tmp_path: Path) -> None:
     content = list(SCENES.values())[index % len(SCENES)]
     proxy = "?proxy=handle" if "handle" in content and index % 5 == 2 else "?at=0,0,0.03"

@@ -76,7 +76,7 @@ def test_each_loads_or_is_refused_for_a_reason_that_is_its_own(file: Path) -> No
 def test_each_runs_over_a_link_and_its_account_closes(file: Path) -> None:
     if refusal(file) is not None:
         pytest.skip("MuJoCo does not load it")
-    params = {"scene": f"mujoco:{file}", "duration_s": 1.0, "operator": "sine", "link.up": "4g", "link.down": "4g"}
+    params = {"scene": f"mujoco:{file}", "duration_s": 0.5, "operator": "sine", "link.up": "4g", "link.down": "4g"}
     summary = Simulation(Params().set(params), 1).run().summary
     assert summary["verdict"]["passive"] is True
     own = summary["environment"]

@@ -7,9 +7,11 @@ import pytest
 
 from hapnet.errors import HapnetError
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.measure.soft_figures import LTE, TRACES, felt
 
-SMALL = "soft?nodes=216"
+SMALL, SOFT = "soft?nodes=216", "soft"
+ORGAN = "soft:organ?lump=8&lump_at=-12mm,10mm,0mm&lump_radius=12mm&friction=0.5"
 
 
 def run(scene: str, link: str, operator: str = "press", seconds: float = 4.0, **given: float) -> dict[str, object]:
@@ -31,9 +33,10 @@ def test_it_is_passive_over_links_and_repeats(link: str) -> None:
         assert run(SMALL, link, seconds=3.0) == motion
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("link", ["wifi", "4g", "lte"])
-@pytest.mark.parametrize("scene", ["soft", "soft:organ?lump=8&lump_at=-12mm,10mm,0mm&lump_radius=12mm&friction=0.5"])
+@pytest.mark.parametrize(
+    ("scene", "link"),
+    mostly_slow([(SOFT, "lte"), (ORGAN, "4g"), (SOFT, "wifi"), (SOFT, "4g"), (ORGAN, "wifi"), (ORGAN, "lte")], 0, 2),
+)
 def test_whole_bodies_are_passive_over_links(scene: str, link: str) -> None:
     if link == "lte":
         link = "delay 35ms 12ms loss gemodel 1% 20% rate 20mbit"
@@ -41,8 +44,7 @@ def test_whole_bodies_are_passive_over_links(scene: str, link: str) -> None:
     assert motion["contacts"] > 0  # type: ignore[operator]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("link", ["wifi", "4g"])
+@pytest.mark.parametrize("link", mostly_slow(["wifi", "4g"], 0, 1))
 def test_a_body_among_solids_is_passive_over_links(link: str) -> None:
     scene = "soft:organ?nodes=216&pin=none + plane?normal=0,0,-1&at=0,0,-30mm&friction=0.4 + plane?at=90mm,0,0"
     motion = run(scene, link, "hand-6", 10.0)
