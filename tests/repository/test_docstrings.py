@@ -6,11 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = {
-    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
-    for package in ("hapnet", "netem")
-    for path in sorted((ROOT / package).rglob("*.py"))
-}
 PARAMETERS = re.compile(r"^([A-Za-z_]\w*(?:, [A-Za-z_]\w*)*) : ", re.MULTILINE)
 """A line ``name : meaning``, or ``name, other : meaning``."""
 RESULTS = re.compile(r"^(?:Returns|Yields)\n-+\n(?:.+\n?)*", re.MULTILINE)
@@ -101,20 +96,13 @@ def strangers(tree: ast.Module, classes: dict[str, ast.ClassDef]) -> list[str]:
     return found
 
 
-TREES = {path: ast.parse(source) for path, source in SOURCES.items()}
-CLASSES = {node.name: node for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
-
-
-def test_no_docstring_asks() -> None:
-    assert {path: found for path, tree in TREES.items() if (found := questions(tree))} == {}
-
-
-def test_no_docstring_begins_with_what() -> None:
-    assert {path: found for path, tree in TREES.items() if (found := riddles(tree))} == {}
-
-
-def test_a_line_about_a_parameter_names_one() -> None:
-    assert {path: found for path, tree in TREES.items() if (found := strangers(tree, CLASSES))} == {}
+def test_no_docstring_asks_or_begins_with_what_and_a_line_about_a_parameter_names_one() -> None:
+    """One test, as parsing all sources takes seconds."""
+    paths = [path for package in ("hapnet", "netem") for path in sorted((ROOT / package).rglob("*.py"))]
+    trees = {str(path.relative_to(ROOT)): ast.parse(path.read_text("utf-8")) for path in paths}
+    classes = {node.name: node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    found = {path: questions(tree) + riddles(tree) + strangers(tree, classes) for path, tree in trees.items()}
+    assert {path: each for path, each in found.items() if each} == {}
 
 
 def test_bad_docstrings_are_found() -> None:
