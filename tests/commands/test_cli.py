@@ -35,6 +35,7 @@ def test_a_simulation_whose_files_cannot_be_written_is_shown_all_the_same(capsys
     assert json.loads(Path("s.json").read_text("utf-8"))["theorem"]["margin_J"] > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_summary_that_finds_no_room_is_exit_code_3(capsys: Capture) -> None:
     assert cli.main([*QUICK, "--json", "/dev/full"]) == 3

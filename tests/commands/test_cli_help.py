@@ -155,6 +155,7 @@ torn = hapnet_greet:missing
 """
 
 
+@pytest.mark.slow
 def test_the_pages_example_is_a_command_once_its_package_is_installed(tmp_path: Path) -> None:
     page = (Path(cli.__file__).parent / "README.md").read_text("utf-8").partition("**A command.**")[2]
     (tmp_path / "hapnet_greet.py").write_text(page.partition("```python\n")[2].partition("```")[0], "utf-8")

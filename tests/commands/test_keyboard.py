@@ -69,6 +69,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_a_knob_that_the_keyboard_turns_rests_in_the_wall(tmp_path: Path) -> None:
     """The hand goes to 30 mm: K_h (A - x) = K (x - p) and K'/K times that force is K_w (p - wall)."""
     K, K_v, K_h, K_w, wall, hand = 200.0, 500.0, 60.0, 3000.0, 0.02, 0.03

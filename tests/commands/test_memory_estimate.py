@@ -48,6 +48,7 @@ def _held_bytes() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dof", [1, 3])
 def test_a_recorded_second_is_estimated_as_python_counts_it(dof: int) -> None:
     short = Params().set({"dof": dof, "scene": "moving", "duration_s": 0.5})  # not compiled, which takes less

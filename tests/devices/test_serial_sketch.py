@@ -97,6 +97,7 @@ def test_home_makes_the_present_place_zero(make_board: MakeBoard) -> None:
     axis.close()
 
 
+@pytest.mark.slow
 def test_the_sketch_counts_the_force_that_acted_while_its_clock_wraps(axis: SerialAxis) -> None:
     """Its clock wraps 1.5 s after its start; the force that is reported is the PWM's, 128/255 of 3 N."""
     reported = []

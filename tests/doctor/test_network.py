@@ -98,6 +98,7 @@ def test_the_verdict_follows_the_figures(up: str, state: str, says: str, advises
     assert (check.advice == "") == (state == OK)
 
 
+@pytest.mark.slow
 async def test_whoever_listens_answers_and_a_session_of_another_name_does_not() -> None:
     address = free_address()
     world = ZenohTransport(

@@ -76,7 +76,7 @@ def lengths(count: int, longest_s: float, seed: int) -> list[float]:
 @pytest.mark.parametrize(
     ("count", "longest_s"),
     [
-        (2, 1.2),
+        pytest.param(2, 1.2, marks=pytest.mark.slow),
         pytest.param(4, 4.0, marks=pytest.mark.soak),
         pytest.param(20, 10.0, marks=pytest.mark.soak),
     ],

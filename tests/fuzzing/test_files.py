@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.conftest import ENVIRONMENT
+from tests.conftest import ENVIRONMENT, mostly_slow
 
 MINUTES = 60
 
@@ -19,7 +19,7 @@ def run(program: str, *words: object, timeout_s: float = 200.0) -> str:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["recording", "mesh", "urdf", "toml", "npy", "mujoco", "journal"])
+@pytest.mark.parametrize("kind", mostly_slow(["urdf", "toml", "npy", "journal", "recording", "mesh", "mujoco"], 4))
 def test_broken_files_are_refused_in_one_line(kind: str) -> None:
     pytest.importorskip("trimesh", reason="the extra mesh is not installed")
     if kind == "mujoco":
@@ -29,6 +29,7 @@ def test_broken_files_are_refused_in_one_line(kind: str) -> None:
     assert "'read'" in found
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_broken_messages_of_a_page_do_nothing() -> None:
     pytest.importorskip("viser", reason="the live page's library is not installed")

@@ -100,6 +100,7 @@ def test_the_axis_of_contact_and_the_path_across_it() -> None:
     np.testing.assert_array_equal(np.isnan(ink), world["penetration_m"] <= 0)
 
 
+@pytest.mark.slow
 def test_a_long_run_keeps_its_extremes() -> None:
     recording = run(seconds=300)
     recording.device["force_N"][7001] = 99.0

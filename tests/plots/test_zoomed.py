@@ -72,6 +72,7 @@ def test_without_the_extra_there_is_a_picture_and_no_script(result: Result, monk
     assert made.page.replace("Passive:", "passive:").count("PASSIVE: gave out at most") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here (Debian: apt install chromium)")
 def test_a_drag_zooms_all_panels_to_the_same_seconds(made: Report, tmp_path: Path) -> None:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")

@@ -243,6 +243,7 @@ async def test_telemetry_can_be_off() -> None:
     watcher.close()
 
 
+@pytest.mark.slow
 async def test_a_pair_that_has_ended_is_let_go_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(watcher_module, "GONE_S", 1.2)
     address, heard = free_address(), Heard()

@@ -162,6 +162,7 @@ while True:
 """Starts a servo, says its number, and is its heart."""
 
 
+@pytest.mark.slow
 def test_a_servo_whose_parent_stands_still_renders_no_force_until_it_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

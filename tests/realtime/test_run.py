@@ -239,6 +239,7 @@ def test_a_device_that_fails_ends_its_side_in_one_line(tmp_path: Path, monkeypat
     assert (code, stderr) == (2, FAILED)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_too_long_for_memory_has_its_summary_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

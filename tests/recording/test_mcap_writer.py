@@ -47,6 +47,7 @@ def test_the_same_bytes_as_by_the_librarys_writer(tmp_path: Path, seed: int, len
     assert (tmp_path / "ours.mcap").read_bytes() == (tmp_path / "theirs.mcap").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     """Ten thousand chunks, as in more than an hour of a run. The library's writer keeps 0.4 kB of each chunk here."""

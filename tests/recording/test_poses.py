@@ -158,6 +158,7 @@ def test_the_scene_is_drawn_and_a_free_tool_feels_no_wall(result: Result) -> Non
     assert prepare(params(scene="tool:stick + plane?at=0,0,-60mm&stiffness=2000")).felt["stiffness_N_m"] == 2000.0
 
 
+@pytest.mark.slow
 def test_a_case_has_angles_and_the_errors_of_the_torque() -> None:
     found = measure(params(**{"link.up": "4g", "link.down": "4g"}), 3)
     for name in ("free_rms_mm", "free_rms_deg", "true_force_error_percent", "true_torque_error_percent",

@@ -32,6 +32,7 @@ def test_a_report_is_made_of_a_result_its_file_and_its_directory(result: Result,
     assert repr(made) == f"Report(PASSIVE: {result.summary['verdict']['reason']})"
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same(result: Result, tmp_path: Path) -> None:
     file, to = tmp_path / "run.mcap", tmp_path / "told.json"
     save(result.recording, file)

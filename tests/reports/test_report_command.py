@@ -128,6 +128,7 @@ def test_a_summary_that_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_what_cannot_be_written_is_one_line_and_the_summary_is_told_all_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +141,7 @@ def test_what_cannot_be_written_is_one_line_and_the_summary_is_told_all_the_same
     assert (tmp_path / "r-servo.png").exists()
 
 
+@pytest.mark.slow
 def test_a_torn_file_that_cannot_be_repaired_is_reported_all_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -130,6 +130,7 @@ def test_the_film_shows_the_words_of_todays_page(tmp_path: Path) -> None:
     assert older(EXAMPLES / FILM, tmp_path / FILM) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])
 def test_no_label_of_a_scene_is_cut_off(seed: int) -> None:
     """Of an arm that is taller than wide, as the labels of an axis at the bottom were."""

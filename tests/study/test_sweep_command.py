@@ -274,6 +274,7 @@ def test_a_sweep_that_cannot_go_on_writes_what_it_has(
     assert [row["case"] for row in rows(Path("runs/sweep-study"))] == ["0", "10"]  # one task: the same but for the link
 
 
+@pytest.mark.slow
 def test_another_version_warns(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     spec_file(directory, "[fixed]\nduration_s = 0.05\n[vary]\nseed = [1]")
     summary("study.toml")

@@ -111,7 +111,7 @@ def admitted(rig: Rig) -> float:
     return wire.admission_burst_J + wire.admission_W * rig.now_ns * 1e-9
 
 
-@pytest.mark.parametrize("style", mostly_slow(STYLES, 2))
+@pytest.mark.parametrize("style", mostly_slow(STYLES, 1))
 @pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 @pytest.mark.long
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
@@ -124,7 +124,7 @@ def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: St
     assert done.max_step <= section.step_limit_N * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("side", mostly_slow(SIDES, 2))
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
 @pytest.mark.long
 def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str) -> None:
     done = attack(side, pumping, {"wire.accept_stale": True, "dof": 3, "scene": "box"})
@@ -149,6 +149,7 @@ def test_the_bound_is_nearly_reached() -> None:
     assert done.lowest < -0.8 * admitted(done.rig)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_sequences_out_of_order_are_taken_if_that_is_wanted() -> None:
     done = attack("device", alternating, {"wire.accept_stale": True})

@@ -151,6 +151,7 @@ def test_what_no_plane_describes_is_felt_through_the_proxy(tmp_path: Path) -> No
         mujoco_world(model(tmp_path / "f.xml", BLOCK) + "?planes=some")
 
 
+@pytest.mark.slow
 def test_planes_make_the_force_truer_and_steadier_over_a_bad_link() -> None:
     """Against the springs in series, felt without delay, with steps of 10 to 30 ms."""
     from tests.measure.mujoco_rendering import felt

@@ -38,6 +38,7 @@ def test_its_corners_lie_on_the_surface_which_has_its_area(shape: Shape, area: f
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 == pytest.approx(area, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_report_shows_solids_and_only_those() -> None:
     params = Params().set({"scene": "sphere?radius=20mm + plane?normal=0,0,-1&at=0,0,-30mm", "duration_s": 1.0})
     recording = simulate(params, seed=1).recording

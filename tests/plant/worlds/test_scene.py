@@ -201,6 +201,7 @@ def test_a_mass_may_begin_towards_any_place_and_only_a_wall_stops_it(name: str) 
     assert (stopped > 0) == bool(scene.walls)
 
 
+@pytest.mark.slow
 def test_the_pages_example_is_a_world_once_it_is_in_the_folder(tmp_path: Path) -> None:
     folder = tmp_path / "hapnet"
     shutil.copytree(Path(hapnet.__file__).parent, folder, ignore=shutil.ignore_patterns("__pycache__"))
