@@ -18,7 +18,7 @@ from collections import deque
 import numpy as np
 
 from hapnet.checks import Vector
-from hapnet.plant.actuator_check import LATE_TICKS, PLAUSIBLE_KG, pushed
+from hapnet.plant.actuator_check import LATE_TICKS, PLAUSIBLE_KG, ActuatorCheck, pushed
 from hapnet.records.vectors import inner
 
 AGAINST_M, LEAST_N = 0.001, 0.25
@@ -190,3 +190,41 @@ class Agreement:
         if self._still_s < STILL_S or self._most_N < STILL_N:
             return ""
         return f"it reads the same position while its force changes by {self._most_N:.2g} N: is its encoder connected?"
+
+
+class ForceChecks:
+    """All checks of a device's force and motion, at the start and while it runs.
+
+    start : pushes the handle before control begins; None: there is no check, or it is over. Other parameters as for
+    `ForceProbe`.
+
+    Attributes
+    ----------
+    masses : the results of the start [kg]; empty: none. impossible : the reason against any force that the start found.
+    probe : None: nothing was pushed at the start, so nothing is probed.
+    """
+
+    def __init__(self, start: ActuatorCheck | None, period_s: float, mass: float | None, resolution: float) -> None:
+        self.start = start
+        self.masses: Vector = ()
+        self.impossible = ""
+        self.agreement = Agreement()
+        self.probe = None if start is None else ForceProbe(period_s, mass, resolution)
+        self._period_s, self._resolution = period_s, resolution
+
+    @property
+    def share(self) -> float:
+        """The part of the force that may be rendered from now on."""
+        return 1.0 if self.probe is None else self.probe.share
+
+    def take(self, ended: ActuatorCheck) -> None:
+        """Take the results of the start."""
+        self.impossible = ended.impossible
+        if ended.masses:
+            self.masses = ended.masses
+            self.probe = ForceProbe(self._period_s, min(self.masses), self._resolution)
+
+    def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
+        """Take a reading, and the force that acted for `dt` seconds before it; returns an error message, or ""."""
+        wrong = self.agreement.wrong(dt, acted, x)
+        return self.probe.wrong(dt, acted, x) if self.probe is not None and not wrong else wrong

@@ -19,30 +19,22 @@ from hapnet.control.held_steps import FollowerServo
 from hapnet.control.set_position_servo import SampledServo
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.plant.actuator_check import ActuatorCheck
-from hapnet.plant.force_probe import Agreement, ForceProbe
+from hapnet.plant.force_probe import ForceChecks
 from hapnet.plant.operating_range import OperatingRange
 from hapnet.recording.samples import Event, Level
-from hapnet.records.vectors import inner
 from hapnet.side.contact_force import ContactForce
 from hapnet.side.device import Drive
 from hapnet.side.driver_times import Clocks, DriverTimes, RepeatedReadings
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.force_limiter import ForceLimiter
-from hapnet.side.notices import signal_text
 from hapnet.side.real_device_protocol import RealDevice
+from hapnet.side.real_device_state import ActuatorForce, Changes, DeviceSilence, HandleReports
 from hapnet.side.sampled_device import SampledDeviceSide
 from hapnet.wire.fields import Signal
-
-_TURNED_EVERY_NS = 10_000_000
-
-FIRST_READING_S = 10.0
-"""A device that gives no reading for this time after its start has failed [s]; a later silence may last longer."""
 
 
 class RealDeviceSide(SampledDeviceSide):
     """A real device, its servo and its endpoint.
-
-    More than twenty attributes: each silence, brake and switch is reported once, so the last report is kept.
 
     limiter : limits the force that goes to the actuators. check : pushes the handle before control begins; None: there
     is no check. contact : reads a robot's contact force; None: it is not read. Other parameters as for
@@ -65,45 +57,23 @@ class RealDeviceSide(SampledDeviceSide):
         super().__init__(endpoint, device, make_servo, drive, declared)
         self.limiter = limiter
         self._contact = contact
-        self._check = check
-        self._agreement = Agreement()
-        self._mass: Vector = ()
-        self._impossible = ""
-        self._begun = False
-        self.missed: int = 0
-        """The number of missed readings."""
-        self.silences: int = 0
-        """The number of silences: missed readings until the watchdog acted."""
-        self.silent_ns: int = 0
-        """The total duration of the silences [ns]."""
-        self._silent = False
-        self._heard_ns: int | None = None
-        self._patience_ns = drive.watchdog_ns or 0
+        self._checks = ForceChecks(check, drive.period_ns * NANO, device.smallest_mass, device.resolution)
+        self._begun = self._closed = False
+        patience_ns = drive.watchdog_ns or 0
         if device.watchdog_s is not None:
-            self._patience_ns = min(self._patience_ns, round(device.watchdog_s / NANO))
-        self._reports = False
-        self._sent: Vector = (0.0,) * device.dof
-        self._held_before: Vector | None = None  # the force that may still be held, since a command failed
-        self._was_released = False  # so that a switch that is not held at the start is reported
-        self._was_braked = ""
+            patience_ns = min(patience_ns, round(device.watchdog_s / NANO))
+        self._silence = DeviceSilence(device.name, patience_ns)
+        self._actuators = ActuatorForce(device.dof)
+        self._changes = Changes(braked="", released=False, waits_for_switch=False)
         self._reading: tuple[Vector, Vector] = (), ()
-        self._risk_J = 0.0
-        self._closed = False
-        self._buttons: tuple[bool, ...] = ()
-        self._turned_ns = 0
+        self._handle = HandleReports()
         self._clocks = Clocks()
-        self._waits_for_switch = False
-        self._probe: ForceProbe | None = None
-        self._period_s = drive.period_ns * NANO
-        if check is not None:
-            self._probe = ForceProbe(self._period_s, device.smallest_mass, device.resolution)
         self._times = DriverTimes(
             device.name, drive.period_ns, drive.watchdog_ns or 10 * drive.period_ns, paced=not device.blocks
         )
         self._repeats = RepeatedReadings()
         self.waited: Callable[[], int] = lambda: 0
         """The time for which the calling thread ran or waited for a processor so far [ns]."""
-        self._first_try_ns: int | None = None  # the time of the first attempt to read
 
     def tick(self, now_ns: int) -> bytes | None:
         begun_ns, self._waited_ns = self.drive.clock(), self.waited()
@@ -116,13 +86,14 @@ class RealDeviceSide(SampledDeviceSide):
             return None
         now_ns = self._called("read", begun_ns)  # the call may have waited for a reading
         self._repeats.see(*self._reading)
-        if self._silent:
-            self._go_on(now_ns)
-        self._heard_ns = now_ns
-        self._report(now_ns)
+        if (event := self._silence.hear(now_ns)) is not None:
+            self._excused = True  # the servo did not stall, so this is no overrun
+            self.limiter.restart()
+            self._write(event)
+        self._handle.send(now_ns, self.device, self.endpoint, self._write)
         if self.origin_ns is None:
-            if self.endpoint.paired and self._check is not None:
-                self._push(self._check, now_ns)
+            if self.endpoint.paired and self._checks.start is not None:
+                self._push(self._checks.start, now_ns)
                 return None
             self._send((0.0,) * self.device.dof)  # a device's watchdog may need regular commands
         return super().tick(now_ns)
@@ -139,10 +110,9 @@ class RealDeviceSide(SampledDeviceSide):
         ends the check."""
         none = (0.0,) * self.device.dof
         if not self.limiter.is_held(self.device.buttons()):
-            if not self._waits_for_switch:
+            if self._changes.see("waits_for_switch", True):
                 text = f"hold the dead-man switch of {self.device.name}: its force and motion are checked first"
                 self._write(Event(now_ns, "dead-man", text))
-            self._waits_for_switch = True
             check.restart()
             self.last_ns = now_ns
             self._send(none)
@@ -155,22 +125,20 @@ class RealDeviceSide(SampledDeviceSide):
         self.last_ns = now_ns
         if why := self.withheld or self.device.braked():
             self._write(Event(now_ns, "device", f"force and motion of {self.device.name} are not checked: {why}"))
-            self._check = None
+            self._checks.start = None
             self._send(none)
             return
-        force = check.step(self.device.interval() or dt, self._sent if acted is None else acted, *self._reading)
+        acted = self._actuators.sent if acted is None else acted
+        force = check.step(self.device.interval() or dt, acted, *self._reading)
         self._send(force)
         if not check.done:
             return
-        self._check = None
+        self._checks.start = None
         if check.wrong_way:
             raise HapnetError(f"the device {self.device.name} failed: {check.wrong_way}")
-        self._impossible = check.impossible
+        self._checks.take(check)
         for doubt in check.doubts:
             self._write(Event(now_ns, "device", f"the device {self.device.name}: {doubt}", "warning"))
-        if masses := check.masses:
-            self._mass = masses
-            self._probe = ForceProbe(self._period_s, min(masses), self.device.resolution)
 
     def withhold(self, now_ns: int, why: str) -> None:
         if self.withheld and not why:
@@ -181,8 +149,8 @@ class RealDeviceSide(SampledDeviceSide):
         if self._closed:
             return
         self._closed = True
-        held_N = math.hypot(*self._sent)
-        if self._silent and self.origin_ns is not None:
+        held_N = math.hypot(*self._actuators.sent)
+        if self._silence.lasts and self.origin_ns is not None:
             self.stop_force(self.drive.clock(), "the device is silent at the end: its force since then is unknown")
         try:
             super().stop()
@@ -201,18 +169,18 @@ class RealDeviceSide(SampledDeviceSide):
     def held_forces(self) -> dict[str, Any]:
         figures = super().held_forces()
         if figures:
-            figures["overrun_risk_J"] = max(figures["overrun_risk_J"], self._risk_J)
+            figures["overrun_risk_J"] = max(figures["overrun_risk_J"], self._actuators.risk_J)
         return figures
 
     def driver_figures(self) -> dict[str, Any]:
         """The driver's entries in the summary."""
         return {
             "name": self.device.name,
-            "missed": self.missed + self.device.missed,
-            "silences": self.silences,
-            "silent_s": self.silent_ns * NANO,
+            "missed": self._silence.missed + self.device.missed,
+            "silences": self._silence.count,
+            "silent_s": self._silence.total_ns * NANO,
             "hot_s": self.limiter.limited_s,
-            "mass_kg": list(self._mass) or None,
+            "mass_kg": list(self._checks.masses) or None,
             "blocked": self._times.blocked or None,
             "reads_hz": self._times.rate_hz or self._repeats.new_hz(self._kept_hz()),
             "contact_missed": None if self._contact is None else self._contact.missed,
@@ -221,25 +189,14 @@ class RealDeviceSide(SampledDeviceSide):
     def _kept_hz(self) -> float:
         """The mean number of readings in a second since control started."""
         lasted_ns = 0 if self.origin_ns is None else self.last_ns - self.origin_ns
-        return 1.0 / self._period_s if lasted_ns <= 0 else self.ticks * 1e9 / lasted_ns
+        return 1.0 / (self.drive.period_ns * NANO) if lasted_ns <= 0 else self.ticks * 1e9 / lasted_ns
 
     def _on_signal(self, now_ns: int, name: str, value: Signal) -> None:
         super()._on_signal(now_ns, name, value)
         self.device.signal(name, value)
 
-    def _report(self, now_ns: int) -> None:
-        """Send the world the pressed buttons when they change, and the handle's orientation at most every 10 ms."""
-        buttons = tuple(self.device.buttons())
-        if buttons != self._buttons:
-            self._buttons = buttons
-            self.endpoint.report("buttons", buttons)
-            self._write(Event(now_ns, "signal", signal_text("buttons", buttons)))
-        if now_ns - self._turned_ns >= _TURNED_EVERY_NS and (turned := self.device.orientation()) is not None:
-            self._turned_ns = now_ns
-            self.endpoint.report("orientation", turned)
-
     def _why_not_led(self, now_ns: int) -> str:
-        held = self.limiter.is_held(self._buttons)
+        held = self.limiter.is_held(self._handle.buttons)
         return super()._why_not_led(now_ns) or ("" if held else "the dead-man switch is not held")
 
     def _start(self, x: Vector) -> None:
@@ -247,8 +204,8 @@ class RealDeviceSide(SampledDeviceSide):
         if self.device.watchdog_s is not None and isinstance(self.servo, SampledServo):
             self.servo.force_ends_s = self.device.watchdog_s
         self._begin()
-        if self._impossible:
-            self.stop_force(self.drive.clock(), self._impossible)
+        if self._checks.impossible:
+            self.stop_force(self.drive.clock(), self._checks.impossible)
 
     def _begin(self) -> None:
         if not self._begun:
@@ -259,8 +216,8 @@ class RealDeviceSide(SampledDeviceSide):
         return self._reading
 
     def _elapsed(self) -> float:
-        assert self._heard_ns is not None, "a reading comes first"
-        ours = (self._heard_ns - self.last_ns) * NANO  # time after the reading belongs to the next tick
+        assert self._silence.heard_ns is not None, "a reading comes first"
+        ours = (self._silence.heard_ns - self.last_ns) * NANO  # time after the reading belongs to the next tick
         reported = self.device.interval()
         if reported is None:
             return ours
@@ -270,27 +227,25 @@ class RealDeviceSide(SampledDeviceSide):
 
     def _apply(self, dt: float, force: Vector) -> Vector | None:
         braked = self.device.braked()
-        if braked != self._was_braked:
-            self._was_braked = braked
+        if self._changes.see("braked", braked):
             state = f"renders no force: {braked}" if braked else "renders force again: it grows"
             level: Level = "warning" if braked else "info"
             self._write(Event(self.drive.clock(), "device", f"the device {self.device.name} {state}", level))
         if braked:
             self.limiter.restart()
-        permitted = self.limiter.permit(dt, (0.0,) * len(force) if braked else force, self._buttons)
-        if self.limiter.released != self._was_released:
-            self._was_released = self.limiter.released
-            state = "not held: no force" if self._was_released else "held: the force grows"
-            level = "warning" if self._was_released else "info"
+        permitted = self.limiter.permit(dt, (0.0,) * len(force) if braked else force, self._handle.buttons)
+        if self._changes.see("released", released := self.limiter.released):
+            state = "not held: no force" if released else "held: the force grows"
+            level = "warning" if released else "info"
             self._write(Event(self.drive.clock(), "dead-man", f"the dead-man switch is {state}", level))
-        if self._probe is not None and self._probe.share < 1.0:
-            permitted = tuple([self._probe.share * component for component in permitted])
+        if (share := self._checks.share) < 1.0:
+            permitted = tuple([share * component for component in permitted])
         applied = self._send(permitted)
         if isinstance(self.servo, SampledServo) and (model := self.servo.model) is not None:
             grain = model.grain_force(self.servo.coupling.spring)
             self.device.vibrate(grain if any(permitted) else (0.0,) * len(grain))
-        if applied is None and (self._reports or permitted is not force):
-            self.applied &= self._reports and self.device.knows_force
+        if applied is None and (self._actuators.is_reported or permitted is not force):
+            self.applied &= self._actuators.is_reported and self.device.knows_force
             return permitted
         return applied
 
@@ -301,28 +256,25 @@ class RealDeviceSide(SampledDeviceSide):
             self._called("apply", begun_ns)
         except DeviceSilent as error:
             self._called("apply", begun_ns)
-            self._held_before = self._sent
+            self._actuators.doubt()
             self._keep_still(self.drive.clock(), error)
             return force
-        self._sent = force if applied is None else applied
+        self._actuators.sent = force if applied is None else applied
         return applied
 
     def measure(self, now_ns: int) -> None:
         if self._contact is not None and isinstance(self.servo, FollowerServo):
             self.servo.sensed = self._frame.coupled_force(self._contact.sense())
         if (acted := self.device.acted()) is not None:
-            self.servo.force, self._held_before = self._frame.coupled_force(acted), None
-            self._reports = True
-        elif self._releases_spring or self._held_before is not None or self._reports:
+            self.servo.force = self._frame.coupled_force(acted)
+            self._actuators.before, self._actuators.is_reported = None, True
+        elif self._releases_spring or self._actuators.before is not None or self._actuators.is_reported:
             x = self._frame.coupled(self._reading[0])
             self._doubt((now_ns - self.last_ns) * NANO, tuple(map(sub, x, self.x)))
         if not self._renders_none:
             dt = (now_ns - self.last_ns) * NANO
             acted = self._frame.own_force(self.servo.force)
-            wrong = self._agreement.wrong(dt, acted, self._reading[0])
-            if not wrong and self._probe is not None:
-                wrong = self._probe.wrong(dt, acted, self._reading[0])
-            if wrong:
+            if wrong := self._checks.wrong(dt, acted, self._reading[0]):
                 self.stop_force(now_ns, wrong)
                 self._releases_spring = True
         super().measure(now_ns)
@@ -330,49 +282,24 @@ class RealDeviceSide(SampledDeviceSide):
     def _doubt(self, dt: float, moved: Vector) -> None:
         """Choose the force that the account counts for `dt` seconds in which the device `moved` [m].
 
-        Energy that the force may have put out counts, for as long as the force can have been held before the device's
-        own watchdog acted; energy that it may have taken in does not count.
+        It can have been held until the device's own watchdog acted.
         """
-        servo, coupling = self.servo, self.coupling
-        before = [] if self._held_before is None else [self._frame.coupled_force(self._held_before)]
-        possible = [servo.force, *before]
-        self._held_before = None
+        servo, coupling, before = self.servo, self.coupling, self._actuators.before
+        possible = [servo.force] if before is None else [servo.force, self._frame.coupled_force(before)]
+        self._actuators.before = None
         speed = super().held_forces().get("speed_limit_mps", math.inf)
         most_m = speed * min(dt, self.device.watchdog_s or dt)  # as far as the device can go while a force is held
-        held_J = max(0.0, coupling.account + coupling.potential(self.x))
-        self._risk_J = max(self._risk_J, max(math.hypot(*force) for force in possible) * most_m - held_J)
-        share = min(1.0, most_m / far) if (far := math.hypot(*moved)) else 0.0
-        put_out = [share * inner(force, moved) for force in possible]
-        worst = max(range(len(possible)), key=put_out.__getitem__)
-        servo.force = tuple([share * f if put_out[worst] > 0.0 else 0.0 for f in possible[worst]])
+        stored_J = max(0.0, coupling.account + coupling.potential(self.x))
+        servo.force = self._actuators.worst(possible, moved, most_m, stored_J)
 
     def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
         """Handle a missed reading or command. Once the watchdog acts, command zero force, if the device takes commands.
 
-        Raises HapnetError: the device has given no reading since its start, `FIRST_READING_S` ago.
+        Raises HapnetError: the device has given no reading for long since its start.
         """
-        self.missed += 1
-        if self._heard_ns is None:
-            self._first_try_ns = now_ns if self._first_try_ns is None else self._first_try_ns
-            if now_ns - self._first_try_ns > FIRST_READING_S / NANO:
-                text = f"the device {self.device.name} failed: no reading within {FIRST_READING_S:g} s: {error}"
-                raise HapnetError(text)
-        if not self._silent:
-            if self._heard_ns is not None and now_ns - self._heard_ns <= self._patience_ns:
-                return  # the reserve covers the force that is held meanwhile
-            self._silent = True
-            self.silences += 1
-            self._held_before = self._sent
-            text = f"the device {self.device.name} is silent, no force: {error}"
-            self._write(Event(now_ns, "device", text, "warning"))
-        with suppress(DeviceSilent):
-            self.device.apply((0.0,) * self.device.dof)
-
-    def _go_on(self, now_ns: int) -> None:
-        self._silent = False
-        self._excused = True  # the servo did not stall, so this is no overrun
-        self.limiter.restart()
-        lasted_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
-        self.silent_ns += lasted_ns
-        text = f"the device {self.device.name} is back after {lasted_ns * 1e-6:.1f} ms: the force grows"
-        self._write(Event(now_ns, "device", text))
+        if (event := self._silence.miss(now_ns, error)) is not None:
+            self._actuators.doubt()
+            self._write(event)
+        if self._silence.lasts:
+            with suppress(DeviceSilent):
+                self.device.apply((0.0,) * self.device.dof)

@@ -145,7 +145,7 @@ def commanded(arm: BusArm, emulator: Any) -> list[float]:
 def test_the_account_is_the_motors_own(correction: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A percent of the bytes is lost, commands with them, and the motors make half of what they are asked for: `acted`
     counts the work that they did by the emulator's account, and not that of the commands; by small corrections too."""
-    monkeypatch.setattr("hapnet.ext.robots.bus_arm._CORRECTION", correction)
+    monkeypatch.setattr("hapnet.ext.robots.bus_motors._CORRECTION", correction)
     with (
         bus(hand=Sine(3, HAND, 0.2, 1.0), period=2e-3, noise=0.01, seed=3) as emulator,
         opened(Dynamixel, emulator) as arm,
@@ -170,7 +170,7 @@ def test_the_account_is_the_motors_own(correction: float, monkeypatch: pytest.Mo
             force = arm.apply((1.0 * math.sin(0.02 * k), 0.5, -0.8))
         assert arm.bus.answered < arm.bus.asked
         assert most > 0.01
-        counted += arm._owed_J
+        counted += arm._work.owed_J
         theirs = emulator.handle.work_J - begun_J
         assert counted == pytest.approx(theirs, abs=0.1 * most + 4e-3)
 
@@ -186,7 +186,8 @@ def test_a_servo_that_is_silent_and_one_that_is_overloaded() -> None:
         servos[2].broken = True
         with pytest.raises(DeviceSilent, match=r"no complete answer of servo 2 \(shoulder\)"):
             arm.read()
-        arm._now = arm._now._replace(at_s=arm._now.at_s - 10.0)  # for long
+        work = arm._work
+        work.reading = work.reading._replace(at_s=work.reading.at_s - 10.0)  # for long
         assert arm.apply((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
         until(lambda: servos[1].table[64] == servos[3].table[64] == 0)
         servos[2].broken = False
@@ -293,7 +294,7 @@ def test_calibration_files(tmp_path: Path) -> None:
             assert arm._posture.q == pytest.approx(
                 [(count - middle) * COUNT_RAD for count, middle in zip(counts, middles, strict=True)], abs=3e-3
             )
-            assert arm._joints[0].upper == pytest.approx(1000 * COUNT_RAD)
+            assert arm._motors[0].joint.upper == pytest.approx(1000 * COUNT_RAD)
         with opened(Dynamixel, emulator, 3, calibration=str(ours)) as arm:
             arm.read()
             count = emulator.servos[4].get(132, 4)

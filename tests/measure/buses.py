@@ -37,10 +37,10 @@ def main() -> None:
                             except DeviceSilent:
                                 continue
                             values = dict.fromkeys(emulator.servos, b"\0\0")
-                            driver.bus.sync_write(driver.goal, values)
+                            driver.bus.sync_write(driver.control_table.goal, values)
                             time.sleep(write_s)  # until it is through
                             took.append(time.perf_counter() - begun)
                         driver.close()
-                    count = tick_bytes(device.packets(), device.present[1], joints)
+                    count = tick_bytes(device.packets(), device.control_table.present[1], joints)
                     theory, found = 1.0 / transfer_s(count, baud), 1.0 / float(np.median(took))
                     print(f"| {device.__name__} | {joints} | {count} | {baud} | {theory:.0f} | {found:.0f} |")

@@ -148,7 +148,7 @@ def run(seed: int, encoder_m: float, *, flips: bool, ends_ms: int | None = None)
             said = str(error)
         x.append(held.x)
         force.append(held.asked)
-        probed += side._probe is not None and side._probe.share < 1.0
+        probed += side._checks.share < 1.0
         if side.stopped is not None:
             said = side.stopped.why
         if said:

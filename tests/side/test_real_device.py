@@ -9,7 +9,8 @@ from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.endpoint import DeviceEndpoint
-from hapnet.side.real_device import FIRST_READING_S, RealDeviceSide
+from hapnet.side.real_device import RealDeviceSide
+from hapnet.side.real_device_state import FIRST_READING_S
 from hapnet.summary.run import device_summary
 from hapnet.summary.verdict import findings, incomplete
 from tests.support.paper import PAPER
@@ -219,8 +220,7 @@ def test_a_command_that_did_not_go_out_leaves_the_older_force_in_doubt(way: int)
 def test_the_dead_man_switch_takes_the_force_away_at_once() -> None:
     rig = Rig(Switched, device__force_ramp_s=0.02)
     rig.tick(0.0, times=20)
-    full = rig.arm.reported[-1][0]
-    assert full == pytest.approx(2.0)
+    assert (full := rig.arm.reported[-1][0]) == pytest.approx(2.0)
     rig.arm.pressed = False
     rig.tick(0.0)
     assert rig.arm.reported[-1] == (0.0,)

@@ -106,7 +106,7 @@ def test_a_force_that_does_not_agree_with_the_motion_ends_in_the_same_tick(monke
     rig = Rig()
     rig.tick(0.0, times=3)
     assert rig.arm.reported[-1][0] == pytest.approx(2.0)
-    monkeypatch.setattr(rig.side._agreement, "wrong", lambda *reading: "is the motor reversed?")
+    monkeypatch.setattr(rig.side._checks.agreement, "wrong", lambda *reading: "is the motor reversed?")
     rig.tick(0.0)
     assert rig.arm.reported[-1] == (0.0,)
 

@@ -13,9 +13,11 @@ import viser.transforms
 
 from hapnet.ext.arms.picture import ArmPicture, described
 from hapnet.ext.arms.table import omni
+from hapnet.ext.page.cameras import view_of
 from hapnet.ext.page.contacts import turned_to
 from hapnet.ext.page.history import Snapshot, Track
-from hapnet.ext.page.scene import _PROXY_RADIUS, _THIN, UNIT, PageScene, _coil, _view_of
+from hapnet.ext.page.marks import PROXY_RADIUS, THIN, UNIT, coil
+from hapnet.ext.page.scene import PageScene
 from hapnet.ext.solids.mesh_surface import volume
 from hapnet.ext.solids.outlines import cylinder
 from hapnet.ext.solids.rigid import parts_of_words
@@ -42,16 +44,16 @@ def test_a_plane_that_the_device_knows_lies_where_a_wall_of_its_place_does(norma
     scene = PageScene(server, len(normal), [], None)
     still = Snapshot(None, None, None, None, False, (), 0)
     scene.update(replace(still, planes=(Plane(normal, 0.02, 3000.0, 10.0),)))
-    first, *others = scene._planes
+    first, *others = scene._planes.nodes
     assert [first.visible, *(other.visible for other in others)] == [True, False, False, False]
     along = np.zeros(3)
     along[: len(normal)] = normal
     turned = viser.transforms.SO3(np.array(first.wxyz)) @ np.array([1.0, 0.0, 0.0])
     np.testing.assert_allclose(turned, along, atol=1e-9)
-    assert np.dot(first.position, along) - _THIN / 2.0 == pytest.approx(0.02 * UNIT + _PROXY_RADIUS)
+    assert np.dot(first.position, along) - THIN / 2.0 == pytest.approx(0.02 * UNIT + PROXY_RADIUS)
     for planes in ((), None):
         scene.update(replace(still, planes=planes))
-        assert not any(node.visible for node in scene._planes)
+        assert not any(node.visible for node in scene._planes.nodes)
     server.stop()
 
 
@@ -60,12 +62,12 @@ def test_a_plane_of_a_ball_is_a_small_piece_where_the_proxy_is() -> None:
     server = viser.ViserServer(port=0, verbose=False)
     scene = PageScene(server, 2, [], None)
     plane = Plane((1.0, 0.0), 0.02, 3000.0, 10.0, 0.0, (Curvature((0.0, 1.0), 20.0),))
-    scene._show_planes((plane,), np.array((1.5, 3.0, 0.0)))
-    (node, *_) = scene._planes
-    np.testing.assert_allclose(node.position, (0.02 * UNIT + _PROXY_RADIUS + _THIN / 2.0, 3.0, 0.0))
+    scene._planes.show((plane,), np.array((1.5, 3.0, 0.0)))
+    (node, *_) = scene._planes.nodes
+    np.testing.assert_allclose(node.position, (0.02 * UNIT + PROXY_RADIUS + THIN / 2.0, 3.0, 0.0))
     sizes = np.array(node.dimensions) * node.scale
     assert sizes[1] == pytest.approx(2.0 * 0.01 * UNIT)
-    scene._show_planes((plane._replace(curvatures=()),), np.array((1.5, 3.0, 0.0)))
+    scene._planes.show((plane._replace(curvatures=()),), np.array((1.5, 3.0, 0.0)))
     assert node.position[1] == 0.0
     assert tuple(node.scale) == (1.0, 1.0, 1.0)
     server.stop()
@@ -106,7 +108,7 @@ def test_an_arms_links_are_drawn_where_they_are(by_joints: bool) -> None:
         np.testing.assert_allclose(frame.position, UNIT * poses[body, :3], atol=1e-9)
         np.testing.assert_allclose(frame.wxyz, poses[body, 3:], atol=1e-9)
     np.testing.assert_allclose(scene._handle.position, UNIT * np.array(arm.tip(at[0].tolist())), atol=1e-9)
-    assert scene._arrow.visible is not by_joints
+    assert scene._force.arrow.visible is not by_joints
     server.stop()
 
 
@@ -124,15 +126,15 @@ def test_a_cylinder_is_drawn_as_it_is() -> None:
 
 
 def test_the_coil_is_one_line_from_end_to_end() -> None:
-    coil = _coil()
-    assert coil[0, 0].tolist() == [0.0, 0.0, 0.0]
-    assert coil[-1, 1].tolist() == [1.0, 0.0, 0.0]
-    np.testing.assert_array_equal(coil[1:, 0], coil[:-1, 1])
+    spring = coil()
+    assert spring[0, 0].tolist() == [0.0, 0.0, 0.0]
+    assert spring[-1, 1].tolist() == [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(spring[1:, 0], spring[:-1, 1])
 
 
 def test_with_three_axes_the_cameras_see_the_solids_beside_the_hand() -> None:
     """A ring from x = 20 to 104 mm, which is cut at 100, and 30 mm on the other side of the hand."""
-    middle, distance = _view_of([part([(0.02, 0.0, 0.0), (0.104, 0.0, 0.0)], [(0, 0, 1)])])
+    middle, distance = view_of([part([(0.02, 0.0, 0.0), (0.104, 0.0, 0.0)], [(0, 0, 1)])])
     assert middle == pytest.approx((3.5, 0.0, 0.0))
     assert distance == pytest.approx(24.0 * 13.0 / 10.0)
     server = viser.ViserServer(port=0, verbose=False)
@@ -149,7 +151,7 @@ def test_it_can_be_seen_from_the_front_again(dof: int) -> None:
     scene, camera = PageScene(server, dof, [], None), server.initial_camera
     front = np.array([camera.position, camera.look_at])
     camera.position, camera.look_at = np.array([9.0, 8.0, 7.0]), np.ones(3)
-    scene.look(camera)
+    scene.cameras.look(camera)
     np.testing.assert_array_equal([camera.position, camera.look_at], front)
     server.stop()
 
@@ -163,5 +165,5 @@ def test_names_stay_apart() -> None:
     for handle_m, anchors in ((0.03, ["top-left", "top-right"]), (-0.03, ["top-right", "top-left"])):
         handle = replace(proxy, position_m=np.array([[handle_m]]))
         scene.update(Snapshot(handle, proxy, None, None, False, (), 0))
-        assert [name.anchor for name in scene._names] == anchors
+        assert [name.anchor for name in scene._names.labels] == anchors
     server.stop()

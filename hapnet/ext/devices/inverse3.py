@@ -7,17 +7,17 @@ at which that force began to act, is the next tick's reading. By then it has usu
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import closing
 from importlib.util import find_spec
-from operator import mul, sub
+from operator import sub
 from typing import TYPE_CHECKING
 
 from hapnet.checks import Vector, one_of
 from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.devices import inverse3_messages as wire
+from hapnet.ext.devices.inverse3_session import AUTO, NO_FORCE, ArmSession, ForcesUnderway
 from hapnet.installing import install_command
 
 if TYPE_CHECKING:
@@ -36,12 +36,8 @@ MINVERSE_REACH_M = 0.04
 """The reach of a Minverse in both directions [m]. Its force is not documented."""
 
 _UNFELT = 50
-_ASKS = 5
-"""The number of requests for the arm's preset in a session, if messages do not contain it."""
 _START_S = 2.0
 _FIND_S = 0.2
-_MOST_UNANSWERED = 2
-_NO_FORCE: Vector = (0.0, 0.0, 0.0)
 _PRESETS = ("arm_front_centered", "led_front_centered", "arm_front", "led_front", "defaults")
 
 
@@ -52,7 +48,6 @@ class Inverse3(Driver):
     the arm, which sets its origin. spelling : the force's name in a command, ``vector`` or ``values``; auto: by the
     service's inventory. events : port of the event socket; 0: do without it, and without the brake's state.
     watchdog_ms : the measured time without a command after which the arm ends its force; 0: not measured.
-    More than twenty attributes: nine of them are declarations of the driver.
 
     Raises InvalidParameter: an option is not allowed. MissingLibrary: `websockets` is not installed. HapnetError: no
     service answers, or it has no such arm.
@@ -75,7 +70,7 @@ class Inverse3(Driver):
         device: str = "",
         axes: str = "",
         preset: str = _PRESETS[0],
-        spelling: str = "auto",
+        spelling: str = AUTO,
         events: int = 10020,
         watchdog_ms: float = 0.0,
     ) -> None:
@@ -83,7 +78,7 @@ class Inverse3(Driver):
         if not 0 <= events < 65536:
             raise InvalidParameter("events", events, "a port, or 0 to do without")
         one_of("preset", preset, _PRESETS)
-        one_of("spelling", spelling, ("auto", *wire.SPELLINGS))
+        one_of("spelling", spelling, (AUTO, *wire.SPELLINGS))
         if self.missing():
             raise MissingLibrary("the Inverse3", "websockets", "haply")
         from hapnet.ext.devices.inverse3_safety import SafetyEvents
@@ -91,21 +86,12 @@ class Inverse3(Driver):
 
         self.dof = dof
         self._axes = Axes(axes, dof)
-        self._device, self._requested_arm = "", device
-        self._preset, self._spelling, self._kind = preset, spelling, ""
-        self._has_spelling = spelling != "auto"
-        self._frame: str | None = None
-        """The arm's preset, as the service reports it; None: not known yet."""
-        self._unfelt = 0
         self.workspace: float = 0.35 if preset.endswith("_centered") else 0.7
         self.watchdog_s: float | None = watchdog_ms * 1e-3 or None
-        self._service = Caller(host, port)
+        self._session = ArmSession(Caller(host, port), device, preset, spelling)
         self._safety = SafetyEvents(host, events)
-        self._calls = 0
-        self._to_skip = self._requests_left = 0
-        self._unanswered: deque[Vector] = deque()
-        self._acting = _NO_FORCE  # since the last answer
-        self._forces_since_reading: deque[Vector] = deque(maxlen=100)
+        self._forces = ForcesUnderway()
+        self._unfelt = 0
         self._last: wire.Inverse3State | None = None
         self._last_s = 0.0
         self._acted: Vector | None = None
@@ -133,52 +119,55 @@ class Inverse3(Driver):
 
     def home(self) -> None:
         assert self._last is not None, "it was read when it was made"
-        if self._frame != self._preset:
-            found = "reports no preset" if self._frame is None else f"has it at {self._frame}"
+        device, preset, frame = self._session.device, self._session.preset, self._session.frame
+        if frame != preset:
+            found = "reports no preset" if frame is None else f"has it at {frame}"
             raise HapnetError(
-                f"the service did not put the arm {self._device} at {self._preset}: it {found}; a service before 3.5"
+                f"the service did not put the arm {device} at {preset}: it {found}; a service before 3.5"
                 f" has only preset={wire.NO_FRAME}"
             )
         if not self._last.powered:
-            raise HapnetError(f"the arm {self._device} has no power: plug its power supply in")
+            raise HapnetError(f"the arm {device} has no power: plug its power supply in")
         if not self._last.calibrated:
-            raise HapnetError(f"the arm {self._device} is not calibrated: calibrate it first, as on its maker's page")
+            raise HapnetError(f"the arm {device} is not calibrated: calibrate it first, as on its maker's page")
 
     def read(self) -> tuple[Vector, Vector]:
         """The state in the answer to the last command, as old as that command.
 
         Raises DeviceSilent: no state within `PATIENCE_S`, or the service is not connected.
         """
-        self._safety.hear(self._device)
+        session, service = self._session, self._session.service
+        self._safety.hear(session.device)
         until_s = time.monotonic() + PATIENCE_S
         self._check_for_new_session()
-        if self._service.is_open and self._device and not self._unanswered:
-            self._send(_NO_FORCE if self.braked() else self._acting)  # otherwise no state would come
+        if service.is_open and session.device and not self._forces.unanswered:
+            self._send(NO_FORCE if self.braked() else self._forces.acting)  # otherwise no state would come
         newest = None
         while newest is None:
             if (left_s := until_s - time.monotonic()) <= 0.0:
-                raise DeviceSilent(f"no state from {self._service.url} for {PATIENCE_S * 1e3:g} ms")
-            came = self._service.receive(left_s)
+                raise DeviceSilent(f"no state from {service.url} for {PATIENCE_S * 1e3:g} ms")
+            came = service.receive(left_s)
             self._check_for_new_session()
             for raw in came:
                 newest = self._take(raw) or newest
-            if newest is None and self._device and not self._unanswered:
-                raise DeviceSilent(f"a message from {self._service.url} has no state of the arm {self._device}")
+            if newest is None and session.device and not self._forces.unanswered:
+                raise DeviceSilent(f"a message from {service.url} has no state of the arm {session.device}")
         now_s = time.monotonic()
         self._acted = self._mean_force(newest, now_s - self._last_s)
         self._last, self._last_s = newest, now_s
         self._check_service_force(newest)
-        self._forces_since_reading.clear()
+        self._forces.restart()
         return self._axes.take(newest.position), self._axes.take(newest.velocity)
 
     def apply(self, force: Vector) -> None:
         """Send the force. The service does not report the force that the arm really makes."""
-        if not self._device:
-            raise DeviceSilent(f"the session at {self._service.url} has not begun")
-        whole = _NO_FORCE if self.braked() else self._axes.spread(force)
-        if len(self._unanswered) >= _MOST_UNANSWERED:
-            if any(whole) or any(self._unanswered[-1]):
-                raise DeviceSilent(f"{self._service.url} has not answered the last {_MOST_UNANSWERED} commands")
+        url = self._session.service.url
+        if not self._session.device:
+            raise DeviceSilent(f"the session at {url} has not begun")
+        whole = NO_FORCE if self.braked() else self._axes.spread(force)
+        if self._forces.are_many:
+            if any(whole) or any(self._forces.unanswered[-1]):
+                raise DeviceSilent(f"{url} has not answered the last {len(self._forces.unanswered)} commands")
             return  # a command without force is already on its way
         self._send(whole)
 
@@ -201,10 +190,10 @@ class Inverse3(Driver):
             return "it has no power"
         if self._last is not None and not self._last.calibrated:
             return "it is not calibrated"
-        return self._safety.braked(self._device)
+        return self._safety.braked(self._session.device)
 
     def close(self) -> None:
-        self._service.close()
+        self._session.service.close()
         self._safety.close()
 
     def _begin(self) -> None:
@@ -221,92 +210,52 @@ class Inverse3(Driver):
                 raise HapnetError("the service's event socket does not answer: give its port, events=0 to do without")
 
     def _check_for_new_session(self) -> None:
-        """Begin anew after a lost connection, as the service drops the client's settings."""
-        if self._calls != self._service.calls:
-            self._calls = self._service.calls
-            self._forces_since_reading.extend(self._unanswered)  # they may have acted
-            self._unanswered.clear()
-            self._device = ""
+        """Begin anew after a lost connection."""
+        if self._session.is_lost():
+            self._forces.lose_answers()
 
     def _take(self, raw: bytes) -> wire.Inverse3State | None:
         """The state in a message, if it counts as a reading."""
-        message = wire.parsed(raw)
-        if not self._device:
+        message, session = wire.parsed(raw), self._session
+        if not session.device:
             self._greet(message)
             return None
-        if self._unanswered:
-            self._forces_since_reading.append(self._acting)
-            self._acting = self._unanswered.popleft()
-        if self._to_skip:
-            self._to_skip -= 1
-            if not self._to_skip and self._requests_left and self._preset_in(message) is None:
-                self._to_skip, self._requests_left = 1, self._requests_left - 1
-            if self._to_skip:
-                self._service.send(wire.whole(self._device, self._spelling, self._kind))
-                self._unanswered.append(_NO_FORCE)
-            else:
-                self._learn_frame(message)
-                self._send(_NO_FORCE)
+        self._forces.answered()
+        if session.settles:
+            session.settle(message, first=self._last is None)
+            self._forces.sent(NO_FORCE)
             return None
-        found = None if message is None else wire.state(message, self._device)
+        found = None if message is None else wire.state(message, session.device)
         self.damaged += found is None
         return found
 
     def _greet(self, message: dict[str, object] | None) -> None:
-        """Answer a session's first message, which lists the arms. The arm's positions are not in hapnet's frame yet."""
+        """Answer a session's first message, which lists the arms."""
         arms = [] if message is None else wire.arms(message)
-        if not arms:
-            self.damaged += 1
-            self._service.close()
-            raise DeviceSilent(f"{self._service.url} lists no arm")
-        if self._requested_arm not in ("", *arms) or (not self._requested_arm and len(arms) > 1):
-            if self._last is None:
-                raise InvalidParameter("device", self._requested_arm, "one of the service's arms: " + ", ".join(arms))
-            self._service.close()
-            raise DeviceSilent(f"{self._service.url} has no arm {self._requested_arm}")
-        self._device = self._requested_arm = self._requested_arm or arms[0]
-        assert message is not None, "it lists arms"
-        self._kind = wire.kind_of(message, self._device)
-        if self._kind == "minverse":
+        self.damaged += not arms
+        self._session.choose(arms, message, first=self._last is None)
+        if self._session.kind == "minverse":
             self.workspace = MINVERSE_REACH_M
-        if not self._has_spelling:
-            self._spelling = wire.spelling_of(message, self._device)
-        self._to_skip, self._requests_left = 2, _ASKS
-        self._forces_since_reading.append(self._acting)
-        self._acting = _NO_FORCE
-        self._unanswered.append(_NO_FORCE)
-        self._service.send(wire.greeting(self._device, self._preset, self._spelling, self._kind))
-
-    def _preset_in(self, message: dict[str, object] | None) -> str | None:
-        found = None if message is None else wire.preset_of(message, self._device)
-        return wire.NO_FRAME if found is None and self._preset == wire.NO_FRAME else found
-
-    def _learn_frame(self, message: dict[str, object] | None) -> None:
-        """Take the arm's preset from a message. Forces are rendered in the requested preset only."""
-        found = self._preset_in(message)
-        if self._last is not None and found != self._preset:
-            raise HapnetError(
-                f"the service put the arm {self._device} at {found or 'no preset'}, not at {self._preset}"
-            )
-        self._frame = found
+        self._forces.release()
+        self._session.greet()
 
     def _check_service_force(self, newest: wire.Inverse3State) -> None:
         """Check that the service takes the forces, by the force that it reports.
 
         Raises HapnetError: it reported zero for `_UNFELT` readings with a force.
         """
-        if newest.force is None or not any(self._acting):
+        if newest.force is None or not any(self._forces.acting):
             return
         self._unfelt = 0 if any(newest.force) else self._unfelt + 1
         if self._unfelt >= _UNFELT and not self.braked():
             raise HapnetError(
-                f"the service accepts no force for the arm {self._device}: its current_cursor_force stayed 0 while"
-                f" {self._spelling} were sent (spelling=..., or another client holds the arm)"
+                f"the service accepts no force for the arm {self._session.device}: its current_cursor_force stayed 0"
+                f" while {self._session.spelling} were sent (spelling=..., or another client holds the arm)"
             )
 
     def _send(self, force: Vector) -> None:
-        self._service.send(wire.command(self._device, force, self._spelling, self._kind))
-        self._unanswered.append(force)
+        self._session.send(force)
+        self._forces.sent(force)
 
     def _mean_force(self, newest: wire.Inverse3State, elapsed_s: float) -> Vector | None:
         """The force that acted between the last two readings; of several candidates, that which gave out most energy.
@@ -315,12 +264,9 @@ class Inverse3(Driver):
         """
         if self._last is None or elapsed_s > UNKNOWN_S:
             return None if self._last is not None else (0.0,) * self.dof
-        possible = list(self._forces_since_reading)
-        if elapsed_s > SURE_S or self.braked():
-            possible.append(_NO_FORCE)
         moved = tuple(map(sub, newest.position, self._last.position))
-        worst = max(possible, key=lambda force: sum(map(mul, force, moved)), default=_NO_FORCE)
-        return self._axes.take(worst)
+        may_have_ended = elapsed_s > SURE_S or bool(self.braked())
+        return self._axes.take(self._forces.worst(moved, may_have_ended=may_have_ended))
 
 
 def _inventory(service: Caller, seconds: float) -> list[str]:

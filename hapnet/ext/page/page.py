@@ -109,7 +109,7 @@ class Page:
         @front.on_click
         async def _(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if event.client is not None and self._scene is not None:
-                self._scene.look(event.client.camera)
+                self._scene.cameras.look(event.client.camera)
 
     async def _fit(self, client: viser.ClientHandle) -> None:
         """Fit the panels to this client's window. In a narrow window the plots are folded, and a click opens them."""

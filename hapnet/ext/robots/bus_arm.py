@@ -4,9 +4,7 @@ The tip's position is computed from the joints' counts. A force F at the tip goe
 torques that carry the arm's weight. If that exceeds a motor's current limit, the largest multiple of F within all
 limits is rendered. Beyond a joint's stop its motor gives no torque outward.
 
-The account counts the motors' work from the measured currents: between two readings the torques times the joints' turn,
-less the change of the weight's potential. `acted` is the force nearest to the command that does this work. A current is
-sampled with its position; a new command acts from the end of its packet, the previous one until then.
+`acted` is the force nearest to the command that does the motors' work, by the account in bus_motors.py.
 """
 
 from __future__ import annotations
@@ -23,19 +21,16 @@ from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.arms.table import apparent_masses
 from hapnet.ext.devices import serial_port
-from hapnet.ext.devices.timed_velocity import TimedVelocity
 from hapnet.ext.robots.bus_joints import COUNT_RAD, JointServo, Posture, arm_table, joints_of
+from hapnet.ext.robots.bus_motors import ArmReading, Motor, MotorWork, Present, ServoHealth
 from hapnet.ext.robots.bus_packets import Packets, Reply
-from hapnet.ext.robots.joint_torques import paid, share
+from hapnet.ext.robots.joint_torques import share
 from hapnet.ext.robots.servo_bus import ServoBus, transfer_s
-from hapnet.records.vectors import added, inner
+from hapnet.records.vectors import added
 from hapnet.units import METRES, RADIANS
 
 _LATENCY_S, _MARGIN, _SHARE = 1e-3, 1.1, 0.85
 """A tick takes its bytes' time times the margin, plus the latency; a reading may take this share of a period."""
-
-UNKNOWN = "a fault"
-"""The fault of a servo before its driver has read the details."""
 
 _FASTEST_RADPS, _OVER = 50.0, 1.5
 """No supported servo is faster without load (XL330-M077: 48 rad/s), or measures more than this times its limit."""
@@ -44,33 +39,24 @@ _SILENT_S, _FIRST_S = 0.02, 0.1
 """The longest silence of a servo [s], in operation and while its torque is off."""
 
 _GLANCE_TICKS = 8
-_HOT_K, _COOL_K = 5, 10
-_CORRECTION = 0.9
-"""The share of the force limit that a single reading may correct; the rest is counted with the next readings."""
 
 
-class Present(NamedTuple):
-    """The values from a servo. current : in its own unit, positive where counts grow. rate [rad/s] : None: unknown."""
+class ControlTable(NamedTuple):
+    """Addresses in the servos' control tables.
 
-    counts: int
-    current: int
-    rate: float | None = None
-    fault: str = ""
-    temperature_C: int | None = None
+    present : of the block that is read each tick, and its size. goal : of the commanded current, 2 bytes. enable : of
+    the torque switch, 1 byte. glances : of single bytes that are read in turn, one every few ticks; the torque switch
+    is among them.
+    """
 
-
-class _Reading(NamedTuple):
-    at_s: float
-    q: Vector
-    x: Vector
-    torques: Vector
-    stored_J: float
+    present: tuple[int, int]
+    goal: int
+    enable: int
+    glances: tuple[int, ...]
 
 
 class BusArm(Driver):
     """An arm of servos on a bus.
-
-    More than twenty attributes: a driver's declarations, the servos' limits, and the values to check a reading.
 
     port : the bus's serial port. arm : its URDF, or ``omni`` (that of ``--device omni``). tip : a link of it.
     calibration : a file as in `bus_joints`. axes : those of the tip, as in `Axes`, or ``joints``. baud : bits a second.
@@ -87,14 +73,7 @@ class BusArm(Driver):
     packets: ClassVar[type[Packets]]
     usb: ClassVar[frozenset[tuple[int, int]]]
     """Vendor and product IDs of the maker's USB adapters."""
-    present: ClassVar[tuple[int, int]]
-    """Address and size of the block that is read each tick."""
-    goal: ClassVar[int]
-    """Address of the commanded current, 2 bytes."""
-    enable: ClassVar[int]
-    """Address of the torque switch, 1 byte."""
-    glances: ClassVar[tuple[int, ...]]
-    """Addresses of single bytes that are read in turn, one every few ticks; the torque switch is among them."""
+    control_table: ClassVar[ControlTable]
 
     def __init__(
         self,
@@ -119,51 +98,48 @@ class BusArm(Driver):
             raise InvalidParameter("dof", dof, f"{len(table.joints)}, the joints of {table.name}")
         self.dof = dof
         self.units: str = RADIANS if by_joints else METRES
-        self._axes = None if by_joints else Axes(axes, dof)
-        self._joints = joints_of(table, calibration, in_servo=self.turns_in_servo())
-        self._ids = [joint.servo for joint in self._joints]
-        self._posture = Posture(table, by_joints)
-        self._velocities = [TimedVelocity(COUNT_RAD, COUNT_RAD) for _ in self._joints]
-        self.temperatures_C: dict[int, int] = {}
-        self.limits_C: dict[int, int] = {}
-        self._faults: dict[int, str] = {}
-        self._suspects: set[int] = set()
-        self._hot = self._on = self._off = False
-        self._now: _Reading | None = None
-        self._acted: Vector | None = None
-        self._commands = ((0.0,) * dof, (0.0,) * dof)  # the previous command, and the newest
-        self._sent_s = self._owed_J = 0.0
+        self._posture = Posture(table, None if by_joints else Axes(axes, dof))
+        joints = joints_of(table, calibration, in_servo=self.turns_in_servo())
+        self._ids = [joint.servo for joint in joints]
+        self.health = ServoHealth()
+        self._powered: bool | None = None
+        """Whether the motors are switched on; None: they render no force, before `begin` or without current control."""
         self._ticks = 0
-        bytes_a_tick = tick_bytes(self.packets(), self.present[1], len(self._ids))
+        bytes_a_tick = tick_bytes(self.packets(), self.control_table.present[1], len(self._ids))
         period_s = _MARGIN * transfer_s(bytes_a_tick, checks.whole("baud", baud, at_least=1)) + _LATENCY_S
         self.rate_hz = min(type(self).rate_hz, 1.0 / period_s)
         self._budget_s = _SHARE / self.rate_hz
         self.bus = ServoBus(port, baud, self.packets())
         try:
-            found = [self.set_up(joint, torque_constant, current) for joint in self._joints]
+            self._motors = [Motor(joint, *self.set_up(joint, torque_constant, current)) for joint in joints]
             self._require_in_time(period_s)
         except HapnetError:
             self.close()
             raise
-        self.has_force: bool = all(per_count > 0.0 for per_count, _ in found)
-        self._per_count = [joint.sign * one for joint, (one, _) in zip(self._joints, found, strict=True)]
-        self._most = [most for _, most in found]
-        levers = [1.0] * len(found) if by_joints else [math.hypot(*lever) for lever in self._posture.levers]
-        room = [
-            max(0.0, abs(per) * most - abs(weight))
-            for per, most, weight in zip(self._per_count, self._most, self._posture.weight, strict=True)
-        ]
-        least = min((free / lever for free, lever in zip(room, levers, strict=True) if lever > 1e-9), default=0.0)
+        least = min(
+            (
+                max(0.0, motor.limit - abs(weight)) / far
+                for motor, weight, lever in zip(self._motors, self._posture.weight, self._posture.levers, strict=True)
+                if (far := math.hypot(*lever)) > 1e-9
+            ),
+            default=0.0,
+        )
         if self.has_force and not least > 0.0:
             self.close()
             raise HapnetError(f"the motors of {table.name} cannot carry its weight at home")
         self.force_limit: float = least if self.has_force else NO_FORCE
+        self._work = MotorWork(dof, least if self.has_force else None)
         self.resolution: float = COUNT_RAD if by_joints else COUNT_RAD * added(table.reaches)
         self.workspace: float = 2.0 * math.pi if by_joints else 2.0 * max(table.reaches)
         self.smallest_mass: float | None = 1.0  # without force this has no effect
         if self.has_force:
             self.smallest_mass = None if by_joints else apparent_masses(table)[0]
             self.watchdog_s = self.watched_s()
+
+    @property
+    def has_force(self) -> bool:
+        """Whether all motors have current control."""
+        return all(motor.has_torque for motor in self._motors)
 
     @classmethod
     def missing(cls) -> str:
@@ -203,18 +179,23 @@ class BusArm(Driver):
 
     def seen(self, joint: JointServo, address: int, value: int) -> None:
         """Handle a byte of `glances`."""
-        if address == self.enable and not value and self._on and not self._off and joint.servo not in self._faults:
+        if (
+            address == self.control_table.enable
+            and not value
+            and self._powered
+            and joint.servo not in self.health.faults
+        ):
             self.switch([joint.servo], on=True)  # the packet that switched it on was lost, or it had no power
 
     def switch(self, servos: Sequence[int], *, on: bool) -> None:
         """Switch motors on, without current, or off. Raises DeviceSilent."""
         if on:
-            self.bus.sync_write(self.goal, dict.fromkeys(servos, self.current(0)))
-        self.bus.sync_write(self.enable, dict.fromkeys(servos, bytes((on,))))
+            self.bus.sync_write(self.control_table.goal, dict.fromkeys(servos, self.current(0)))
+        self.bus.sync_write(self.control_table.enable, dict.fromkeys(servos, bytes((on,))))
 
     def begin(self) -> None:
-        self._on = self.has_force
-        if self._on:
+        if self.has_force:
+            self._powered = True
             self.switch(self._ids, on=True)
 
     def read(self) -> tuple[Vector, Vector]:
@@ -224,61 +205,56 @@ class BusArm(Driver):
         """
         begun_s = time.monotonic()
         self.bus.port.reopen(self._budget_s)
-        budget_s = self._budget_s if self._on else max(_FIRST_S, self._budget_s)
-        replies = self.bus.sync_read(*self.present, self._ids, budget_s)
+        budget_s = max(_FIRST_S, self._budget_s) if self._powered is None else self._budget_s
+        replies = self.bus.sync_read(*self.control_table.present, self._ids, budget_s)
         if len(replies) < len(self._ids):
-            lost = next(joint for joint in self._joints if joint.servo not in replies)
+            lost = next(motor.joint for motor in self._motors if motor.joint.servo not in replies)
             raise DeviceSilent(f"no complete answer of servo {lost.servo} ({lost.name})")
         ended_s = time.monotonic()
         values = [self.decoded(replies[servo]) for servo in self._ids]
         self._require_possible(ended_s, values)
-        for joint, value in zip(self._joints, values, strict=True):
-            self._note(joint, value.fault)
+        for motor, value in zip(self._motors, values, strict=True):
+            self.health.note(motor.joint, value.fault, self.why)
             if value.temperature_C is not None:
-                self.feel(joint.servo, value.temperature_C)
+                self.health.feel(motor.joint.servo, value.temperature_C)
         at_s = 0.5 * (begun_s + ended_s)
         position, velocity = self._follow(at_s, values)
         self._ticks += 1
-        if self._on and self._ticks % _GLANCE_TICKS == 0:
+        if self._powered is not None and self._ticks % _GLANCE_TICKS == 0:
             self._glance(begun_s + self._budget_s - ended_s)
         return position, velocity
 
     def apply(self, force: Vector) -> Vector:
         """Send the motors' currents; returns the commanded force after the limits."""
         none = (0.0,) * self.dof
-        if not self._on:
+        if self._powered is None:
             return none
-        now_s = time.monotonic()
-        if self._now is None or self._faults or now_s - self._now.at_s > max(_SILENT_S, 2.0 / self.rate_hz):
-            self._off, self._commands = True, (self._commands[1], none)
+        now_s, work = time.monotonic(), self._work
+        silent_s = math.inf if work.reading is None else now_s - work.reading.at_s
+        if self.health.faults or silent_s > max(_SILENT_S, 2.0 / self.rate_hz):
+            self._powered = False
+            work.command(none)
             self.switch(self._ids, on=False)
             return none
-        if self._off:
-            self._off = False
+        if not self._powered:
+            self._powered = True
             self.switch(self._ids, on=True)
-        weight, torques = self._posture.weight, self._posture.torques(self._spread(force))
-        limits = [abs(per) * most for per, most in zip(self._per_count, self._most, strict=True)]
-        part = share(torques, weight, limits)
-        counts = {}
-        for k, joint in enumerate(self._joints):
-            torque, q, most = part * torques[k], self._posture.q[k], self._most[k]
-            if (q >= joint.upper and torque > 0.0) or (q <= joint.lower and torque < 0.0):
-                torque = 0.0
-            count = round((torque + weight[k]) / self._per_count[k])
-            counts[joint.servo] = self.current(max(-most, min(most, count)))
-        self.bus.sync_write(self.goal, counts)
-        self._sent_s = now_s + transfer_s(14 + 3 * len(counts), self.bus.baud)
+        weight, torques = self._posture.weight, self._posture.torques(force)
+        part = share(torques, weight, [motor.limit for motor in self._motors])
+        counts = {
+            motor.joint.servo: self.current(motor.command(part * torque, load, angle))
+            for motor, torque, load, angle in zip(self._motors, torques, weight, self._posture.q, strict=True)
+        }
+        self.bus.sync_write(self.control_table.goal, counts)
         command = force if part == 1.0 else tuple([part * one for one in force])
-        self._commands = (self._commands[1], command)
+        work.command(command, now_s + transfer_s(14 + 3 * len(counts), self.bus.baud))
         return command
 
     def acted(self) -> Vector | None:
-        return self._acted
+        return self._work.acted
 
     def braked(self) -> str:
-        if self._faults:
-            return "; ".join(self._faults.values())
-        return "a servo is close to its temperature limit" if self._hot else ""
+        return self.health.braked()
 
     def close(self) -> None:
         try:
@@ -289,74 +265,36 @@ class BusArm(Driver):
         finally:
             self.bus.port.close()
 
-    def _spread(self, force: Vector) -> Vector:
-        return force if self._axes is None else self._axes.spread(force)
-
-    def _take(self, axes: Vector) -> Vector:
-        return axes if self._axes is None else self._axes.take(axes)
-
     def _require_possible(self, now_s: float, found: list[Present]) -> None:
         """Raise DeviceSilent for impossible values: now and then a damaged packet passes its checksum."""
-        if self._now is None:
+        if (last := self._work.reading) is None:
             return
-        far = _FASTEST_RADPS * (now_s - self._now.at_s) + 2.0 * COUNT_RAD
-        for joint, one, before, most in zip(self._joints, found, self._now.q, self._most, strict=True):
-            if abs(joint.angle(one.counts) - before) > far or (self.has_force and abs(one.current) > _OVER * most):
+        has_force, far = self.has_force, _FASTEST_RADPS * (now_s - last.at_s) + 2.0 * COUNT_RAD
+        for motor, one, before in zip(self._motors, found, last.q, strict=True):
+            joint, too_much = motor.joint, has_force and abs(one.current) > _OVER * motor.most
+            if too_much or abs(joint.angle(one.counts) - before) > far:
                 raise DeviceSilent(f"an impossible answer of servo {joint.servo} ({joint.name})")
 
     def _follow(self, at_s: float, found: list[Present]) -> tuple[Vector, Vector]:
         """Update the posture, its velocity, and the motors' mean force since the previous reading."""
-        q = tuple([joint.angle(one.counts) for joint, one in zip(self._joints, found, strict=True)])
-        rates = tuple([
-            slope.update(at_s, at_s, angle) if one.rate is None else joint.sign * one.rate
-            for joint, one, slope, angle in zip(self._joints, found, self._velocities, q, strict=True)
-        ])  # fmt: skip
-        self._posture.look(q)
-        torques = tuple([per * one.current for per, one in zip(self._per_count, found, strict=True)])
-        before = self._now
-        x = self._take(self._posture.x)
-        self._now = now = _Reading(at_s, q, x, torques, self._posture.stored_J)
-        if self.has_force:
-            self._acted = (0.0,) * self.dof if before is None or not self._on else self._mean_force(before, now)
-        return x, self._take(self._posture.velocity(rates))
-
-    def _mean_force(self, before: _Reading, now: _Reading) -> Vector:
-        """The force that does the work of the measured currents."""
-        early = min(1.0, max(0.0, (self._sent_s - before.at_s) / (now.at_s - before.at_s)))
-        work = before.stored_J - now.stored_J
-        for old, new, begin, end in zip(before.torques, now.torques, before.q, now.q, strict=True):
-            work += (early * old + (1.0 - early) * new) * (end - begin)
-        moved = tuple([end - begin for begin, end in zip(before.x, now.x, strict=True)])
-        held = tuple([early * one + (1.0 - early) * two for one, two in zip(*self._commands, strict=True)])
-        owed_J = self._owed_J + work - inner(held, moved)
-        force, self._owed_J = paid(owed_J, held, moved, _CORRECTION * self.force_limit)
-        return force
-
-    def feel(self, servo: int, temperature_C: int) -> None:
-        """Take a servo's temperature, and update whether a servo is too hot for a force."""
-        self.temperatures_C[servo] = temperature_C
-        left = min(self.limits_C[each] - degrees for each, degrees in self.temperatures_C.items())
-        self._hot = left < (_COOL_K if self._hot else _HOT_K)
+        motors, posture = self._motors, self._posture
+        q = tuple([motor.joint.angle(one.counts) for motor, one in zip(motors, found, strict=True)])
+        rates = tuple([motor.rate(at_s, angle, one.rate) for motor, one, angle in zip(motors, found, q, strict=True)])
+        posture.look(q)
+        torques = tuple([motor.torque(one.current) for motor, one in zip(motors, found, strict=True)])
+        now = ArmReading(at_s, q, posture.x, torques, posture.stored_J)
+        self._work.take(now, counts=self._powered is not None)
+        return posture.x, posture.velocity(rates)
 
     def why(self, servo: int, fault: str) -> str:
         """Describe the fault that a servo reports, with details if the servo has them."""
         return fault
 
-    def _note(self, joint: JointServo, fault: str) -> None:
-        doubted = joint.servo not in self._suspects  # a single report may be a damaged packet
-        self._suspects = self._suspects - {joint.servo} | ({joint.servo} if fault else set())
-        if not fault:
-            self._faults.pop(joint.servo, None)
-        elif doubted:
-            return
-        elif UNKNOWN in self._faults.get(joint.servo, UNKNOWN):
-            self._faults[joint.servo] = f"servo {joint.servo} ({joint.name}) reports {self.why(joint.servo, fault)}"
-
     def _glance(self, left_s: float) -> None:
         """Read one byte of one servo, if there is time."""
         turn = self._ticks // _GLANCE_TICKS
-        joint = self._joints[turn % len(self._joints)]
-        address = self.glances[turn // len(self._joints) % len(self.glances)]
+        joint = self._motors[turn % len(self._motors)].joint
+        address = self.control_table.glances[turn // len(self._motors) % len(self.control_table.glances)]
         reply = self.bus.glance(joint.servo, address, 1, left_s) if left_s > 0.0 else None
         if reply is not None:
             self.seen(joint, address, reply.data[0])
@@ -366,7 +304,7 @@ class BusArm(Driver):
         took_s = math.inf
         for _ in range(10):
             begun_s = time.monotonic()
-            if len(self.bus.sync_read(*self.present, self._ids, 0.2)) == len(self._ids):
+            if len(self.bus.sync_read(*self.control_table.present, self._ids, 0.2)) == len(self._ids):
                 took_s = min(took_s, time.monotonic() - begun_s)
         if took_s > 2.0 * period_s:
             late = f"answer after {took_s * 1e3:.3g} ms instead of {period_s * 1e3:.2g}"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hapnet import checks
+from hapnet.devices.driver import Axes
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity, height
 from hapnet.ext.arms.table import ArmTable, chain_of, omni
@@ -100,17 +101,17 @@ def _text(name: str, path: str, allowed: str) -> str:
 
 
 class Posture:
-    """An arm's kinematics and weight in a given posture. by_joints : whether its axes are the joints; else the tip's.
+    """An arm's kinematics and weight in a given posture. axes : those of its tip; None: its axes are the joints.
 
     Attributes
     ----------
-    q : the joints' angles [rad]. x : the axes' position, from home. levers : how each joint moves the axes, J'.
+    q : the joints' angles [rad]. x : the axes' position, from home. levers : how each joint moves the tip, J'.
     weight : the torques that carry the arm [Nm]. stored_J : the potential of its weight.
     """
 
-    def __init__(self, table: ArmTable, by_joints: bool) -> None:
+    def __init__(self, table: ArmTable, axes: Axes | None) -> None:
         self._chain: Chain = chain_of(table)
-        self._home, self._by_joints = table.home, by_joints
+        self._home, self._axes = table.home, axes
         n = len(table.home)
         self._loads = [0.0] * n
         self.x: tuple[float, ...] = ()
@@ -123,11 +124,13 @@ class Posture:
         """Take this posture."""
         chain, self.q = self._chain, q
         angles = list(q)
-        if self._by_joints:
+        if self._axes is None:
             self.x = tuple([angle - home for angle, home in zip(q, self._home, strict=True)])
         else:
             difference(chain, chain.tip, angles, angles)
-            self.x = tuple([here - home for here, home in zip(chain.tip.begin, self._origin, strict=True)])
+            self.x = self._axes.take(
+                tuple([here - home for here, home in zip(chain.tip.begin, self._origin, strict=True)])
+            )
             self.levers = [list(column) for column in chain.tip.columns[: chain.n]]
         gravity(chain, angles, angles, self._loads)
         self.weight = tuple(self._loads)
@@ -135,10 +138,15 @@ class Posture:
 
     def torques(self, force: tuple[float, ...]) -> tuple[float, ...]:
         """The joints' torques of a force, J'F [Nm]."""
-        return tuple([inner(lever, force) for lever in self.levers])
+        whole = force if self._axes is None else self._axes.spread(force)
+        return tuple([inner(lever, whole) for lever in self.levers])
 
     def velocity(self, rates: tuple[float, ...]) -> tuple[float, ...]:
         """The velocity along the axes, J q'."""
-        return tuple(
-            [sum(lever[r] * rate for lever, rate in zip(self.levers, rates, strict=True)) for r in range(len(self.x))]
+        whole = tuple(
+            [
+                sum(lever[r] * rate for lever, rate in zip(self.levers, rates, strict=True))
+                for r in range(len(self.levers[0]))
+            ]
         )
+        return whole if self._axes is None else self._axes.take(whole)

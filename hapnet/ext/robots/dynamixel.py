@@ -11,8 +11,9 @@ from struct import Struct
 from typing import NamedTuple
 
 from hapnet.errors import HapnetError
-from hapnet.ext.robots.bus_arm import UNKNOWN, BusArm, Present
+from hapnet.ext.robots.bus_arm import BusArm, ControlTable
 from hapnet.ext.robots.bus_joints import JointServo
+from hapnet.ext.robots.bus_motors import UNKNOWN, Present
 from hapnet.ext.robots.bus_packets import Dynamixel2, Reply
 
 MODEL, RETURN_DELAY, OPERATING_MODE, HOMING_OFFSET, TEMPERATURE_LIMIT, CURRENT_LIMIT = 0, 9, 11, 20, 31, 38
@@ -60,9 +61,9 @@ class Dynamixel(BusArm):
     emulator = "hapnet.ext.robots.bus_emulator:DynamixelEmulator"
     packets = Dynamixel2
     usb = frozenset({(0x0403, 0x6014), (0x2F5D, 0x2202)})
-    present = PRESENT, BLOCK.size
-    goal, enable = GOAL_CURRENT, TORQUE_ENABLE
-    glances = BUS_WATCHDOG, TORQUE_ENABLE, TEMPERATURE
+    control_table = ControlTable(
+        (PRESENT, BLOCK.size), GOAL_CURRENT, TORQUE_ENABLE, (BUS_WATCHDOG, TORQUE_ENABLE, TEMPERATURE)
+    )
 
     @property
     def watched_units(self) -> int:
@@ -88,7 +89,7 @@ class Dynamixel(BusArm):
         bus.write(servo, TORQUE_ENABLE, b"\0")
         bus.write(servo, BUS_WATCHDOG, b"\0")
         bus.write(servo, RETURN_DELAY, b"\0")
-        self.limits_C[servo] = bus.read(servo, TEMPERATURE_LIMIT, 1)[0]
+        self.health.limits_C[servo] = bus.read(servo, TEMPERATURE_LIMIT, 1)[0]
         if not model.torque:
             return 0.0, 0
         bus.write(servo, OPERATING_MODE, bytes((CURRENT_CONTROL,)))
@@ -107,7 +108,7 @@ class Dynamixel(BusArm):
 
     def seen(self, joint: JointServo, address: int, value: int) -> None:
         if address == TEMPERATURE:
-            self.feel(joint.servo, value)
+            self.health.feel(joint.servo, value)
         elif address == BUS_WATCHDOG and value != self.watched_units:
             super().seen(joint, TORQUE_ENABLE, 0)
         else:

@@ -8,8 +8,9 @@ from __future__ import annotations
 from struct import Struct
 
 from hapnet.errors import HapnetError
-from hapnet.ext.robots.bus_arm import BusArm, Present
+from hapnet.ext.robots.bus_arm import BusArm, ControlTable
 from hapnet.ext.robots.bus_joints import JointServo
+from hapnet.ext.robots.bus_motors import Present
 from hapnet.ext.robots.bus_packets import FeetechPackets, Reply
 
 MODEL, TEMPERATURE_LIMIT, PROTECTION_CURRENT, HOMING_OFFSET, MODE = 3, 13, 28, 31, 33
@@ -44,9 +45,7 @@ class Feetech(BusArm):
     emulator = "hapnet.ext.robots.bus_emulator:FeetechEmulator"
     packets = FeetechPackets
     usb = frozenset({(0x1A86, 0x55D3), (0x1A86, 0x7523)})
-    present = PRESENT, BLOCK.size
-    goal, enable = GOAL_TORQUE, TORQUE_ENABLE
-    glances = (TORQUE_ENABLE,)
+    control_table = ControlTable((PRESENT, BLOCK.size), GOAL_TORQUE, TORQUE_ENABLE, (TORQUE_ENABLE,))
 
     def set_up(self, joint: JointServo, torque_constant: float, current: float) -> tuple[float, int]:
         bus, servo = self.bus, joint.servo
@@ -55,7 +54,7 @@ class Feetech(BusArm):
         offset = signed(written, SIGN_BIT if is_hls else STS_OFFSET_BIT)
         self.require_offset(joint, offset)
         bus.write(servo, TORQUE_ENABLE, b"\0")
-        self.limits_C[servo] = bus.read(servo, TEMPERATURE_LIMIT, 1)[0]
+        self.health.limits_C[servo] = bus.read(servo, TEMPERATURE_LIMIT, 1)[0]
         if not is_hls:
             return 0.0, 0
         if not torque_constant:

@@ -24,7 +24,6 @@ class RobotSide(RealDeviceSide):
         super().__init__(*given, **named)
         self._releases = releases
         self._stands_still = self._released = False
-        self._probe = None
 
     def stop_force(self, now_ns: int, why: str, *, asked: bool = False) -> None:
         """As for a device. If the stop was requested, the robot stops as `follower.on_stop` sets."""

@@ -38,14 +38,43 @@ if TYPE_CHECKING:
 SESSION = "play"
 
 
+class PageRecordings:
+    """The recordings that the page switches on and off, with a number for each. out : as of `--out`. seed : of the run.
+
+    Attributes
+    ----------
+    on : whether the running pair is to be recorded.
+    """
+
+    def __init__(self, out: Path | None, seed: int) -> None:
+        self._out, self._seed = out, seed
+        self._made: Path | None = None
+        self._count = 0
+        self.on = False
+
+    @property
+    def directory(self) -> Path:
+        """The recordings' directory; the one where they would be by default if none was made."""
+        return self._made or output.default_directory(self._out, self._seed)
+
+    def prepare(self) -> None:
+        """Make the directory, unless it was made before. Raises HapnetError."""
+        if self._made is None:
+            self._made = output.run_directory(self._out, self._seed)
+
+    def next_stem(self) -> Path:
+        """The beginning of the next recording's file names."""
+        assert self._made is not None, "it was prepared when recording was switched on"
+        self._count += 1
+        return self._made.absolute() / f"{self._count:02d}"
+
+
 class PairSequence:
     """Pairs of processes, one after another, under the page's `Controls`.
 
     Changes of the link, of the hand and of recordings go to the running pair. A change of the coupling ends that pair:
     its force goes to zero, and another pair starts at the handle's place, with a new energy account. Each pair has its
     own verdict, which is printed when the pair ends.
-
-    More than twenty attributes: one for each control of the page, and the state of the pair.
 
     params, seed : of the first episode. out : the directory for recordings. address : where the world listens.
     history : holds the handle's place and the margins of both ports; shows the verdict of each pair that has ended.
@@ -64,7 +93,7 @@ class PairSequence:
         *,
         realtime: bool,
     ) -> None:
-        self._params, self._seed, self._out, self._address = params, seed, out, address
+        self._params, self._seed, self._address = params, seed, address
         self._words, self._history, self._realtime = console, history, realtime
         self._first = params
         self._meshes: Path | None = None
@@ -75,9 +104,7 @@ class PairSequence:
         self._position: Vector | None = None
         self._elsewhere = False
         self.reserve: Reserve = Reserve()
-        self._directory: Path | None = None
-        self._recorded = 0
-        self._recording = False
+        self._recordings = PageRecordings(out, seed)
         self._repeats = Repeats()
         self.summary: Summary | None = None
         """The summary of the last pair that has ended."""
@@ -108,7 +135,7 @@ class PairSequence:
                 pair = Pair(
                     params, self._seed, Path(directory), self._on_notice, record=False, console=True,
                     realtime=self._realtime, session=SESSION, address=self._address, place=self._handle(),
-                    orphaned=self._directory or output.default_directory(self._out, self._seed),
+                    orphaned=self._recordings.directory,
                 )  # fmt: skip
                 self._elsewhere = False
                 await pair.start(await self.reserve.take())
@@ -119,7 +146,7 @@ class PairSequence:
                     self._link("down", link.down)
                 if self._position is not None:
                     self._lead(self._position)
-                if self._recording:
+                if self._recordings.on:
                     self._record()
                 await pair.run(self._over)
                 self.summary = self._report(params, pair, last=stop.is_set() or pair.failure is not None)
@@ -177,8 +204,8 @@ class PairSequence:
         self._call(self._send_both, lambda role: {"do": "pause", "on": on})
 
     def record(self, on: bool) -> None:
-        if on and self._directory is None:
-            self._directory = output.run_directory(self._out, self._seed)
+        if on:
+            self._recordings.prepare()
         self._call(self._switch_recording, on)
 
     # -- on the loop -------------------------------------------------------------------------------------------------
@@ -246,7 +273,7 @@ class PairSequence:
             self._pair.send("device" if direction == "up" else "world", do="link", words=text)
 
     def _switch_recording(self, on: bool) -> None:
-        self._recording = on
+        self._recordings.on = on
         if on:
             if self._pair is not None and not self._over.is_set():  # otherwise the next episode begins to record
                 self._record()
@@ -254,9 +281,7 @@ class PairSequence:
             self._send_both(lambda role: {"do": "record", "path": None})
 
     def _record(self) -> None:
-        assert self._directory is not None
-        self._recorded += 1
-        stem = self._directory.absolute() / f"{self._recorded:02d}"
+        stem = self._recordings.next_stem()
         self._send_both(lambda role: {"do": "record", "path": f"{stem}-{role}.mcap"})
         self._words.print(f"recording {stem}-device.mcap and -world.mcap; afterwards: hapnet report {stem}-*.mcap")
 
