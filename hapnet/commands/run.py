@@ -78,7 +78,7 @@ def run(
         output.show_warnings(words, setup.warnings)
         written = output.Written()
         caught: list[signal.Signals] = []
-        with log, Progress(output.progress_console(), "starting") as progress:
+        with log, Progress(output.progress_console(words), "starting") as progress:
             running = False
             repeats = Repeats()
 
@@ -121,7 +121,7 @@ def run(
             known_devices.learn(chosen, found.summary)
             output.show_verdict(words, found.summary, verbose=verbose)
             if files:
-                write_files(found, directory, written)
+                write_files(found, directory, written, words)
             if not verbose:
                 more = output.more_in(directory if files else None, "report.html")
                 output.show_fact(words, found.summary, more)
