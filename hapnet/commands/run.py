@@ -187,8 +187,9 @@ def check_sides(setup: Setup) -> None:
 def may_read_input() -> bool:
     """Whether a child process may read standard input. A terminal stops a background process that reads."""
     may = True
-    if sys.platform != "win32":
-        may = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    if sys.platform != "win32" and sys.stdin.isatty():
+        with suppress(OSError):  # the terminal of another session stops nobody
+            may = os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     return may
 
 
