@@ -51,7 +51,7 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         workers = usable_cores() if len(seeds) * params.duration_s > LONG_S else 1
     words = output.console(json_to)
     output.show_warnings(words, prepare(params, "continuous").warnings)
-    with Progress(output.progress_console(), "simulating", len(seeds), "seeds") as bar:
+    with Progress(output.progress_console(words), "simulating", len(seeds), "seeds") as bar:
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs, words.width))
     verdicts = Counter(run.summary["verdict"]["passive"] for run in runs)

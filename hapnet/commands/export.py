@@ -37,7 +37,7 @@ def export(
     if table != ROSBAG:
         formats(table, ROSBAG)
     words = output.console(json_to)
-    with Progress(output.progress_console(), "reading"):
+    with Progress(output.progress_console(words), "reading"):
         found = opened(files)
     whole = found.whole
     for file, recording in zip(found.files, found.parts, strict=True):
@@ -50,7 +50,7 @@ def export(
         words.print(f"clocks: {alignment.words(whole.meta)}")
     directory = found.files[0].parent if out is None else output.run_directory(out, None)
     try:
-        with Progress(output.progress_console(), "writing"), fitting(files[0]):
+        with Progress(output.progress_console(words), "writing"), fitting(files[0]):
             paths = exported(found, directory, format=table)
     except RecordingError as error:
         raise OutputError(str(error)) from None

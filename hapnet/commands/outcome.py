@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hapnet.assembly.build import Setup
 from hapnet.assembly.memory import bytes_a_second, require_room
@@ -18,6 +18,9 @@ from hapnet.recording.samples import Recording, join
 from hapnet.summary.from_samples import motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.run import Summary
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 FILES = ("device.mcap", "world.mcap", "report.html", "figure.png", "summary.json", "log.jsonl")
 
@@ -83,13 +86,13 @@ def of_side(summary: Summary, file: Path, written: output.Written) -> Outcome:
     return Outcome(summary, replace(recording, summary=summary), [(file, recording)])
 
 
-def write_files(found: Outcome, directory: Path, written: output.Written) -> None:
+def write_files(found: Outcome, directory: Path, written: output.Written, words: Console | None) -> None:
     """Write the summary into `directory` and, if there is a recording, the page and the figure."""
     with written.part():
         output.write_json(found.summary, str(directory / "summary.json"))
     if found.recording is not None:
         reports = extension("reports")
-        with Progress(output.progress_console(), "drawing"):
+        with Progress(output.progress_console(words), "drawing"):
             sources = tuple(reports.source_of(*source) for source in found.sources)
             report = reports.Report(found.recording, sources)
             write(report, directory, reports.PAGE, {"run": "figure.png"}, written)

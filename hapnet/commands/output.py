@@ -12,7 +12,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
-from hapnet.commands import progress
 from hapnet.errors import HapnetError, OutputError, RecordingError
 from hapnet.installing import require
 
@@ -35,31 +34,23 @@ def console(json_to: str | None) -> Console:
     return Console(file=cast(IO[str], stream), highlight=False, soft_wrap=True)
 
 
-def progress_console() -> Console:
-    """The console that shows progress: standard error, so that standard output holds results only."""
-    from rich.console import Console
-
-    return Console(file=cast(IO[str], _ForgivingStream(sys.stderr, room=False)), highlight=False, soft_wrap=True)
+def progress_console(words: Console | None) -> Console:
+    """The console that shows progress beside `words`: the same on a terminal, otherwise of standard error."""
+    return words if words is not None and words.is_terminal and sys.stderr.isatty() else console("-")
 
 
 class _ForgivingStream:
-    """A stream that discards output, without an error, once it cannot be written (``| head``, a full disk).
+    """A stream that discards output, without an error, once it cannot be written (``| head``, a full disk)."""
 
-    room : on a terminal, erase the progress bar before writing; it is drawn again below.
-    """
-
-    def __init__(self, stream: IO[str], *, room: bool = True) -> None:
+    def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
-        self._room = progress.room if room and stream.isatty() else nullcontext
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        with self._ignoring_errors(), self._room():
+        with self._ignoring_errors():
             self._stream.write(text)
-            if self._room is not nullcontext:
-                self._stream.flush()  # before the bar is drawn again
         return len(text)
 
     def flush(self) -> None:

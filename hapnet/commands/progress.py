@@ -1,40 +1,39 @@
-"""The progress of a command: on a terminal a bar with the remaining time, otherwise a line at intervals."""
+"""The progress of a command: on a terminal rich's bar with the remaining time, otherwise a line at intervals."""
 
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from io import UnsupportedOperation
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from hapnet.loading import extension
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress as Bar
+    from rich.progress import Progress as Bar, Task
 
 BAR_AFTER_S = 1.0
 """A command that ends before this time shows no bar [s]."""
 LINE_EVERY_S = 5.0
-_REDRAW_S = 0.1
 
-_CLEAR = b"\r\x1b[2K"
-_ERASE = _CLEAR + b"\x1b[?25h"  # clears the line, and shows the cursor
+_ERASE = b"\r\x1b[2K\x1b[?25h"  # clears the line, and shows the cursor
 
-_drawn: set[Progress] = set()
+_drawn: list[Console] = []
+"""The terminals on which a bar is drawn."""
 
 
 class Progress:
     """Shows the progress of a command during the ``with`` block; a bar is erased at the end.
 
-    console : of standard error.
+    console : the command's; its text appears above the bar.
     doing : the activity, such as "simulating".
     total : the final value of `update`; None: unknown.
     unit : of `total`; "": `doing` contains the numbers.
-    background : draw from a separate thread, so that the time advances between calls of `update`. Without it each
+    background : draw from separate threads, so that the time advances between calls of `update`. Without it each
         `update` is shown at once and nothing runs in between, for measurements.
     clock : [s].
     """
@@ -49,16 +48,10 @@ class Progress:
         background: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._console, self._clock = console, clock
-        self._began = clock()
-        self._background = background
-        self._bar_after_s, self._line_every_s = (BAR_AFTER_S, LINE_EVERY_S) if background else (0.0, 0.0)
-        self._next_line_s = self._line_every_s
-        self._bar: Bar | None = None
-        self._compiled = 1.0  # the share of what is compiled now
+        self._console, self._background = console, background
+        self._bar = _bar(console, background, clock)
         self._over = threading.Event()
-        self._lock = threading.RLock()
-        self._thread = threading.Thread(target=self._redraw, name="progress", daemon=True)
+        self._thread = threading.Thread(target=self._show_later, name="progress", daemon=True)
         self.stage(doing, total, unit)
 
     def __enter__(self) -> Progress:
@@ -70,133 +63,102 @@ class Progress:
     def __exit__(self, *exc: object) -> None:
         extension("compiling").reported.reset(self._before)
         self._over.set()
-        with self._lock:
-            if self._bar is not None:
-                self._bar.stop()
-                _drawn.discard(self)
         if self._background:
             self._thread.join()
+        if self._bar.live.is_started:
+            self._bar.stop()
+            _drawn.remove(self._console)
 
     def stage(self, doing: str, total: float | None = None, unit: str = "s") -> None:
         """Begin another stage, at zero."""
-        with self._lock:
-            self._doing, self._total, self._unit = doing, total, unit
-            self._done = 0.0
-            self._first: tuple[float, float] | None = None  # the first update: its time and how much was done
+        for task in self._bar.task_ids:
+            self._bar.remove_task(task)
+        self._task, self._done = self._bar.add_task(doing, total=total, unit=unit, compiling=""), 0.0
 
     def update(self, done: float, doing: str | None = None) -> None:
         """Set how much of the total is done."""
+        self._bar.update(self._task, description=doing)
+        self._bar.advance(self._task, done - self._done)  # counts for the time left even if it is zero
         self._done = done
-        self._doing = doing or self._doing
-        if self._first is None:
-            self._first = self._clock(), done
         if not self._background:
-            self.tick()
+            self.show()
 
-    def tick(self) -> None:
-        """Show the progress if it is due; the thread calls it, or `update` if there is no thread."""
-        with self._lock:
-            lasted_s = self._clock() - self._began
-            if self._over.is_set():
-                return
-            if self._console.is_terminal:
-                if lasted_s >= self._bar_after_s:
-                    self._draw()
-            elif lasted_s >= self._next_line_s:
-                self._next_line_s = lasted_s + self._line_every_s
-                known = [words for words in (self._count(), self._left()) if words]
-                if not known and self._background:
-                    known = [f"{lasted_s:.0f} s so far"]
-                self._console.print(": ".join(filter(None, (self._doing, ", ".join(known)))), markup=False)
+    def show(self) -> None:
+        """Draw the bar, or write a line; the thread calls it, or `update` if there is no thread."""
+        if self._console.is_terminal:
+            if not self._bar.live.is_started:
+                _drawn.append(self._console)
+                self._bar.start()
+            self._bar.refresh()
+            return
+        for task in self._bar.tasks:
+            known = [words for words in (_count(task), _left(task)) if words]
+            if not known and self._background:
+                known = [f"{task.elapsed or 0.0:.0f} s so far"]
+            self._console.print(": ".join(filter(None, (task.description, ", ".join(known)))), markup=False)
 
     def _compiling(self, share: float) -> None:
         """Show the compiler's progress on a terminal, beside the command's own."""
-        self._compiled = share
-        if not self._background:
-            self.tick()
+        self._bar.update(self._task, compiling="" if share == 1.0 else f" (compiling: {share:.0%})")
+        if self._console.is_terminal and not self._background:
+            self.show()
 
-    @contextmanager
-    def cleared(self) -> Iterator[None]:
-        """A context in which the bar's line is clear."""
-        with self._lock:
-            with suppress(OSError, UnsupportedOperation):
-                os.write(self._console.file.fileno(), _CLEAR)
-            yield
-
-    def erase(self) -> None:
-        """Clear the line and restore the cursor at once, before the process ends."""
-        self._over.set()
-        free = self._lock.acquire(timeout=_REDRAW_S)  # fails only if the terminal blocks the thread that draws
-        with suppress(OSError):
-            os.write(self._console.file.fileno(), _ERASE)
-        if free:
-            self._lock.release()
-
-    def _redraw(self) -> None:
-        while not self._over.wait(_REDRAW_S):
-            self.tick()
-
-    def _draw(self) -> None:
-        if self._bar is None:
-            from rich.progress import BarColumn, Progress, TextColumn
-            from rich.table import Column
-
-            def text(name: str) -> TextColumn:
-                return TextColumn(f"{{task.{name}}}", markup=False, table_column=Column(no_wrap=True))
-
-            columns = (text("description"), BarColumn(bar_width=30), text("fields[count]"), text("fields[left]"))
-            self._bar = Progress(
-                *columns,
-                console=self._console,
-                auto_refresh=False,
-                transient=True,
-                redirect_stdout=False,  # output for programs must not go to the bar's stream
-                redirect_stderr=False,
-            )
-            self._bar.add_task(self._doing, count="", left="")
-            _drawn.add(self)
-            self._bar.start()
-        self._bar.update(
-            self._bar.task_ids[0],
-            description=self._doing if self._compiled == 1.0 else f"{self._doing} (compiling: {self._compiled:.0%})",
-            total=self._total,
-            completed=self._done,
-            count=self._count(),
-            left=self._left(),
-            refresh=True,
-        )
-
-    def _count(self) -> str:
-        if self._total is None or not self._unit:
-            return f"{self._done:.0f} {self._unit}" if self._done and self._unit else ""
-        digits = 0 if self._total >= 10.0 else 1
-        if isinstance(self._total, int):
-            digits = 0
-        return f"{self._done:.{digits}f} of {self._total:g} {self._unit}"
-
-    def _left(self) -> str:
-        """The time left, at the speed since the first update."""
-        if self._total is None or self._first is None:
-            return ""
-        at, before = self._first
-        if not before < self._done <= self._total:
-            return ""
-        return f"{duration((self._clock() - at) * (self._total - self._done) / (self._done - before))} left"
+    def _show_later(self) -> None:
+        if self._console.is_terminal:
+            if not self._over.wait(BAR_AFTER_S):
+                self.show()
+        else:
+            while not self._over.wait(LINE_EVERY_S):
+                self.show()
 
 
-@contextmanager
-def room() -> Iterator[None]:
-    """A context in which no bar is drawn, so that other output can be written there."""
-    with ExitStack() as held:
-        for progress in tuple(_drawn):
-            held.enter_context(progress.cleared())
-        yield
+def _bar(console: Console, background: bool, clock: Callable[[], float]) -> Bar:
+    from rich.progress import BarColumn, Progress, ProgressColumn
+    from rich.table import Column
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        def __init__(self, of: Callable[[Task], str]) -> None:
+            super().__init__(Column(no_wrap=True))
+            self._of = of
+
+        def render(self, task: Task) -> Text:
+            return Text(self._of(task))
+
+    return Progress(
+        Words(lambda task: task.description + task.fields["compiling"]),
+        BarColumn(bar_width=30),
+        Words(_count),
+        Words(_left),
+        console=console,
+        auto_refresh=background,
+        refresh_per_second=10,
+        speed_estimate_period=3600.0,  # a single step may last minutes
+        transient=True,
+        get_time=clock,
+        redirect_stdout=sys.stdout.isatty(),  # output for programs must not go to the bar's stream
+    )
+
+
+def _count(task: Task) -> str:
+    unit = task.fields["unit"]
+    if task.total is None or not unit:
+        return f"{task.completed:.0f} {unit}" if task.completed and unit else ""
+    digits = 0 if task.total >= 10.0 or isinstance(task.total, int) else 1
+    return f"{task.completed:.{digits}f} of {task.total:g} {unit}"
+
+
+def _left(task: Task) -> str:
+    left_s = task.time_remaining
+    return "" if left_s is None else f"{duration(left_s)} left"
 
 
 def erase() -> None:
-    """Erase all bars; for a process that ends without leaving their ``with`` blocks."""
-    for progress in tuple(_drawn):
-        progress.erase()
+    """Erase all bars and restore the cursor at once, before the process ends."""
+    for console in _drawn:
+        console.quiet = True  # the thread that draws may be about to
+        with suppress(OSError):
+            os.write(console.file.fileno(), _ERASE)
 
 
 def duration(seconds: float) -> str:

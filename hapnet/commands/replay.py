@@ -87,7 +87,7 @@ def _replay(
         words.print(f"hand: {original.hand}", markup=False)
     for line in original.notes:
         words.print(f"note: {line}", markup=False)
-    with Progress(output.progress_console(), "replaying", chosen.duration_s) as progress:
+    with Progress(output.progress_console(words), "replaying", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
     summary = result.summary
     compared = summary["replay"] = compare(original, result.recording, summary)

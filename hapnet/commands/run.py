@@ -78,7 +78,7 @@ def run(
         output.show_warnings(words, setup.warnings)
         written = output.Written()
         caught: list[signal.Signals] = []
-        with log, Progress(output.progress_console(), "starting") as progress:
+        with log, Progress(output.progress_console(words), "starting") as progress:
             running = False
             repeats = Repeats()
 
@@ -121,7 +121,7 @@ def run(
             known_devices.learn(chosen, found.summary)
             output.show_verdict(words, found.summary, verbose=verbose)
             if files:
-                write_files(found, directory, written)
+                write_files(found, directory, written, words)
             if not verbose:
                 more = output.more_in(directory if files else None, "report.html")
                 output.show_fact(words, found.summary, more)
@@ -187,8 +187,9 @@ def check_sides(setup: Setup) -> None:
 def may_read_input() -> bool:
     """Whether a child process may read standard input. A terminal stops a background process that reads."""
     may = True
-    if sys.platform != "win32":
-        may = not sys.stdin.isatty() or os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    if sys.platform != "win32" and sys.stdin.isatty():
+        with suppress(OSError):  # the terminal of another session stops nobody
+            may = os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     return may
 
 

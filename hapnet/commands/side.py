@@ -145,7 +145,7 @@ def _main(
         if words is not None:
             output.show_verdict(words, summary, verbose=given.verbose)
         if directory is not None and record is not None:
-            write_files(of_side(summary, record, written), directory, written)
+            write_files(of_side(summary, record, written), directory, written, words)
         if words is not None and not given.verbose:
             more = output.more_in(directory, "report.html")
             if directory is None and record is not None:

@@ -47,7 +47,7 @@ def simulate(
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
-    with Progress(output.progress_console(), "simulating", chosen.duration_s) as progress:
+    with Progress(output.progress_console(words), "simulating", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
         if directory is not None:
             progress.stage("writing")

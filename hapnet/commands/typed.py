@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any
 
 from hapnet.errors import HapnetError, InvalidParameter
@@ -28,8 +29,12 @@ class Command(PlainCommand):
     """A command whose errors name the flags that were typed."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        ctx.meta[_ARGS] = list(args)
-        return super().parse_args(ctx, args)
+        ctx.meta[_ARGS] = words = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:  # which module defines click's own depends on typer's version
+            _name_value(error, words)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
@@ -55,6 +60,15 @@ class Command(PlainCommand):
 
 
 _ARGS = "hapnet.args"
+
+
+def _name_value(error: Any, args: list[str]) -> None:
+    """Name the value in click's error about a flag, as its message has only what is allowed."""
+    names = getattr(getattr(error, "param", None), "opts", ())
+    words = [part for word in args for part in (word.split("=", 1) if word.startswith("--") else [word])]
+    for name, value in pairwise(words):
+        if name.startswith("-") and name in names:
+            error.param_hint = f"'{name} {value}'"
 
 
 def in_words_of(text: str, typed: Mapping[str, str], *, within: bool = True) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapnet.commands.run import may_read_input, terminal_restored
 from hapnet.recording.mcap import read_recording
 from tests.conftest import ENVIRONMENT, ROOT
 
@@ -95,6 +96,19 @@ def test_a_knob_that_the_keyboard_turns_rests_in_the_wall(tmp_path: Path) -> Non
     assert np.median(device["position_m"][at_rest]) == pytest.approx(x, abs=2e-4)
     assert -np.median(device["force_N"][at_rest]) == pytest.approx(K * (x - p), rel=0.05)
     assert x < hand - 0.003
+
+
+def test_a_run_may_read_the_terminal_of_another_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after ``setsid hapnet run``: job control is about the terminal of one's own session only."""
+    with terminal() as typed, open(typed.theirs, closefd=False) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        before = termios.tcgetattr(typed.theirs)
+        assert may_read_input()
+        with terminal_restored():
+            changed = termios.tcgetattr(typed.theirs)
+            changed[3] &= ~termios.ICANON
+            termios.tcsetattr(typed.theirs, termios.TCSANOW, changed)
+        assert termios.tcgetattr(typed.theirs) == before
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from hapnet.commands import output
-from hapnet.commands.progress import BAR_AFTER_S, LINE_EVERY_S, Progress
+from hapnet.commands.progress import Progress
 from hapnet.ext.compiled import progress as compiler
 from tests.conftest import ENVIRONMENT
 
@@ -35,48 +35,63 @@ def shown(words: Console) -> str:
     return words.file.getvalue()
 
 
-def script(words: Console, seconds: int, *, total: float | None = 20.0, speed: float = 1.0) -> Progress:
-    """A command that lasts so many seconds, seen four times a second as the thread would."""
+def script(words: Console, *, total: float | None = 20.0, speed: float = 1.0) -> Progress:
+    """A command that lasts 17 seconds, seen every five seconds as the thread would."""
     clock = Clock()
     progress = Progress(words, "simulating", total, clock=clock)
-    for quarter in range(4 * seconds):
-        clock.now = 100.0 + quarter / 4.0
+    for second in range(18):
+        clock.now = 100.0 + second
         if total is not None:
-            progress.update(speed * quarter / 4.0)
-        progress.tick()
+            progress.update(speed * second)
+        if second and second % 5 == 0:
+            progress.show()
     return progress
 
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_what_is_over_within_a_second_shows_nothing(terminal: bool) -> None:
     words = console(terminal=terminal)
-    script(words, int(BAR_AFTER_S))
+    with Progress(words, "simulating", 20.0) as progress:
+        progress.update(1.0)
+        time.sleep(0.3)
     assert shown(words) == ""
 
 
 def test_in_a_pipe_there_is_a_line_now_and_then() -> None:
     words = console(terminal=False)
-    script(words, 17)
+    script(words)
     assert shown(words).splitlines() == [
         "simulating: 5 of 20 s, 15 s left",
         "simulating: 10 of 20 s, 10 s left",
         "simulating: 15 of 20 s, 5 s left",
     ]
-    brief = console(terminal=False)
-    script(brief, int(LINE_EVERY_S))
-    assert shown(brief) == ""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_takes_longer_is_shown_while_nothing_else_happens(terminal: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapnet.commands.progress.BAR_AFTER_S", 0.05)
+    monkeypatch.setattr("hapnet.commands.progress.LINE_EVERY_S", 0.05)
+    words, end = console(terminal=terminal), time.monotonic() + 30.0
+    with Progress(words, "simulating", 20.0) as progress:
+        progress.update(1.0)
+        while shown(words).count("1 of 20 s") < 3 and time.monotonic() < end:
+            time.sleep(0.01)
+        progress.update(2.0)
+        while "2 of 20 s" not in shown(words) and time.monotonic() < end:
+            time.sleep(0.01)
+    assert time.monotonic() < end
 
 
 def test_the_time_left_is_at_the_speed_until_now() -> None:
     words = console(terminal=False)
-    script(words, 6, total=10_000.0, speed=2.0)
-    assert shown(words) == "simulating: 10 of 10000 s, 83 min left\n"
+    script(words, total=10_000.0, speed=2.0)
+    assert shown(words).splitlines()[0] == "simulating: 10 of 10000 s, 83 min left"
 
 
 def test_a_stage_whose_end_nobody_knows() -> None:
     words = console(terminal=False)
-    script(words, 6, total=None)
-    assert shown(words) == "simulating: 5 s so far\n"
+    script(words, total=None)
+    assert shown(words).splitlines()[0] == "simulating: 5 s so far"
 
 
 def test_a_new_stage_counts_from_its_first_update() -> None:
@@ -87,7 +102,7 @@ def test_a_new_stage_counts_from_its_first_update() -> None:
     progress.update(1.0)
     clock.now += 5.0
     progress.update(6.0)
-    progress.tick()
+    progress.show()
     assert shown(words) == "running: 6 of 11 s, 5 s left\n"
 
 
@@ -96,7 +111,7 @@ def test_where_it_is_measured_every_update_is_shown_and_nothing_else() -> None:
     with Progress(words, "measuring", 2, "", background=False) as progress:
         progress.update(0, "1/2 servo")
         progress.update(1, "2/2 codec")
-    assert shown(words).splitlines() == ["1/2 servo", "2/2 codec: 0 s left"]
+    assert shown(words).splitlines() == ["1/2 servo", "2/2 codec: 1 s left"]  # rounded up
 
 
 @pytest.mark.parametrize("width", [20, 40, 80, 200])
@@ -106,7 +121,7 @@ def test_a_bar_is_one_line_and_is_gone_at_the_end(width: int) -> None:
         for second in (0, 2, 4):
             clock.now = 100.0 + second
             progress.update(second)
-            progress.tick()
+            progress.show()
     text = shown(words)
     assert text.count("\n") == text.count("\x1b[1A") == 1  # at the end: down, and up again
     drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text).split("\r")
@@ -117,25 +132,51 @@ def test_a_bar_is_one_line_and_is_gone_at_the_end(width: int) -> None:
 
 
 def test_lines_that_are_said_meanwhile_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The bar is on standard error and the words on standard output, both the same terminal: the bar makes room."""
+    """Both streams are one terminal: each line is above the bar, also those that a user's own coupling prints."""
     window, inside = pty.openpty()
     clock = Clock()
     with open(inside, "w", encoding="utf-8") as terminal:  # a descriptor
         for stream in ("stdout", "stderr"):
             monkeypatch.setattr(sys, stream, terminal)
-        with Progress(output.progress_console(), "running", 60.0, background=False, clock=clock) as progress:
+        words = output.console(None)
+        with Progress(output.progress_console(words), "running", 60.0, background=False, clock=clock) as progress:
             progress.update(1.0)
-            output.console(None).print("device: paired with the world")
+            words.print("device: paired with the world")
+            print("a user's figure")
+            sys.stderr.write("a user's warning\n")
             progress.update(2.0)
+        assert sys.stdout is sys.stderr is terminal
         terminal.flush()
         seen = os.read(window, 65536).decode()
     os.close(window)
-    assert "\r\x1b[2Kdevice: paired with the world\r\n" in seen
-    assert "2 of 60 s" in seen[seen.index("paired") :]
+    for line in ("device: paired with the world", "a user's figure", "a user's warning"):
+        assert f"\r\x1b[2K{line}\r\n" in seen
+        assert "1 of 60 s" in seen[seen.index(line) :]
+    assert "2 of 60 s" in seen[seen.index("a user's warning") :]
+
+
+def test_what_goes_to_a_file_does_not_pass_through_the_bar(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window, inside = pty.openpty()
+    with open(inside, "w", encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stderr", terminal)
+        words = output.console(None)
+        with Progress(output.progress_console(words), "running", 60.0, background=False) as progress:
+            progress.update(1.0)
+            words.print("a line")
+            print("a user's figure")
+        terminal.flush()
+        seen = os.read(window, 65536).decode()
+    os.close(window)
+    assert capsys.readouterr().out == "a line\na user's figure\n"
+    assert "1 of 60 s" in seen
+    assert "line" not in seen
+    assert "figure" not in seen
 
 
 def test_progress_is_for_people_and_results_are_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress(output.progress_console(), "measuring", 2, "", background=False) as progress:
+    with Progress(output.progress_console(output.console(None)), "measuring", 2, "", background=False) as progress:
         progress.update(0, "1/2 servo")
         output.console(None).print("0.3 us")
     captured = capsys.readouterr()

@@ -56,13 +56,14 @@ WRONG = {
 
 
 @pytest.mark.parametrize("flag", WRONG)
-def test_an_error_names_the_flag(flag: str, capsys: Capture, empty_directory: Path) -> None:
+def test_an_error_names_the_flag_and_its_value(flag: str, capsys: Capture, empty_directory: Path) -> None:
     for argv in ([flag, WRONG[flag]], [f"{flag}={WRONG[flag]}"]):
         assert cli.main(["run", *argv]) == 2
         line = capsys.readouterr().err
         assert line.count("\n") == 1
-        begins = (f"{flag}: ", f"{flag} ", f"unknown {flag} ", f"Invalid value for '{flag}'")
+        begins = (f"{flag}: ", f"{flag} ", f"unknown {flag} ", f"Invalid value for '{flag} ")
         assert line.removeprefix("hapnet: ").startswith(begins)
+        assert flag == "--resend" or WRONG[flag].replace("=", " ").split()[-1] in line  # there a word is missing
         assert "hardware" not in line
     assert not list(empty_directory.iterdir())
 

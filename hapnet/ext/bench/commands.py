@@ -104,7 +104,7 @@ def _measure(chosen: dict[str, Measure], options: Options, console: Console) -> 
     """Measure one row after another; show a bar on a terminal, otherwise a line for each row."""
     from hapnet.ext.bench.row import Row
 
-    with Progress(output.progress_console(), "measuring", len(chosen), "", background=False) as progress:
+    with Progress(output.progress_console(console), "measuring", len(chosen), "", background=False) as progress:
         for number, (name, measure) in enumerate(chosen.items()):
             progress.update(number, f"{number + 1}/{len(chosen)} {name}")
             try:

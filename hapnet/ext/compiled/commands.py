@@ -35,7 +35,7 @@ def compile_couplings(
         names |= dict.fromkeys(catalogue.ends())
     words = output.console(None)
     makers, labels = catalogue.makers(), catalogue.labels()
-    with Progress(output.progress_console(), "compiling", len(names), "kinds") as progress:
+    with Progress(output.progress_console(words), "compiling", len(names), "kinds") as progress:
         for done, name in enumerate(names):
             progress.update(done)
             if sources.are_compiled(name):

@@ -89,7 +89,7 @@ def _show(examined: Iterable[Check], json_to: str | None) -> int:
     style = {OK: "green", WARNING: "yellow", MISSING: "bold red", SKIPPED: "dim"}
     words = output.console(json_to)
     checks = []
-    with Progress(output.progress_console(), "examining"):
+    with Progress(output.progress_console(words), "examining"):
         for check in examined:
             checks.append(check)
             line = Text(f"{check.state:<8} ", style=style[check.state]).append(

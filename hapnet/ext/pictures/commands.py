@@ -56,7 +56,7 @@ def report(
     require("report", "hapnet report")
     words = output.console(json_to)
     written = output.Written()
-    with Progress(output.progress_console(), "reading"), fitting(files[0]):
+    with Progress(output.progress_console(words), "reading"), fitting(files[0]):
         found = report_on(files)
     sources = []
     for source in found.sources:
@@ -122,7 +122,7 @@ def reproduce(
         raise InvalidParameter("figure", figure, "one of " + ", ".join(FIGURES), FIGURES)
     words = output.console(json_to)
     simulation = Simulation(chosen, seed)
-    with Progress(output.progress_console(), "simulating", chosen.duration_s) as progress:
+    with Progress(output.progress_console(words), "simulating", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
         directory = output.run_directory(out, seed)
         recording = result.recording

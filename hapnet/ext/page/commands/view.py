@@ -80,7 +80,7 @@ def play_back(files: list[Path], options: PageOptions) -> int:
     from hapnet.summary.recorded import of_recordings
 
     words = output.console(None)
-    with Progress(output.progress_console(), "reading"):
+    with Progress(output.progress_console(words), "reading"):
         found = opened(files)
         whole = found.whole
     if whole.device is None and whole.world is None:

@@ -223,7 +223,7 @@ def _compare(
     whole["wall_clock"] = {"cases": len(found), "seconds": ran.lasted_s, "workers": workers}
     names = []
     if given.files:
-        with Progress(output.progress_console(), "drawing"):
+        with Progress(output.progress_console(console), "drawing"):
             names = _write(directory, title, found, drawn, whole, written)
     for table in tables.tables(plan, found.groups, console.width):
         console.print(table, soft_wrap=False)

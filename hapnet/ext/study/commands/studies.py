@@ -66,7 +66,7 @@ def run_missing(
     if journal.other_version is not None:
         text = f"hapnet {journal.other_version} ran the first of these cases; its results are kept, but may differ"
         output.show_warnings(console, (text,))
-    with Progress(output.progress_console(), doing, max(most, journal.count()[0]), "cases") as bar:
+    with Progress(output.progress_console(console), doing, max(most, journal.count()[0]), "cases") as bar:
         return running.run_missing(journal, backend, lambda done, _: bar.update(done), rounds, most)
 
 
@@ -110,7 +110,7 @@ def check_cases(console: Console, spec: Spec, cases: Sequence[Case]) -> list[Cas
     warnings = Counter[str]()
     wrong: list[str] = []
     can_run: list[Case] = []
-    with Progress(output.progress_console(), "checking", len(sets), "sets of parameters") as progress:
+    with Progress(output.progress_console(console), "checking", len(sets), "sets of parameters") as progress:
         for done, alike in enumerate(sets.values(), 1):
             try:
                 warnings.update(check(params_of(spec.fixed, alike[0].values)))
@@ -167,7 +167,7 @@ def estimate(
 ) -> None:
     """Print how long ``run(part)`` takes for all parts, from a few of each kind."""
     lines, sum_s, parts = [], 0.0, 0
-    with Progress(output.progress_console(), "running a few cases to estimate the time"):
+    with Progress(output.progress_console(console), "running a few cases to estimate the time"):
         for kind in kinds:
             mean_s, of = mean_seconds(run, kind.some)
             mean_s *= kind.times

@@ -140,7 +140,7 @@ def transparency(
         return 0
     workers = min(options.workers or usable_cores(), len(tasks))
     directory = output.run_directory(out, "transparency")
-    with Progress(output.progress_console(), "measuring", len(tasks), "runs") as bar:
+    with Progress(output.progress_console(words), "measuring", len(tasks), "runs") as bar:
         found = dealt(transparency.run, tasks, workers, lambda share: bar.update(share * len(tasks)))
         bar.stage("drawing")
         curves: Curves = {}
