@@ -55,7 +55,6 @@ _BEFORE: Mapping[str, object] = {
     "contact_model.remembers": False, "contact_model.stop_s": 0.0, "contact_model.yields_below": 0.0}  # fmt: skip
 """The values with which older recordings, which lack these entries, were made."""
 
-
 ARMS = ("omni", "arm:FILE.urdf?tip=LINK")
 """The devices that are simulated arms."""
 
@@ -201,7 +200,7 @@ class Params(Section):
         def __getattr__(self, name: str) -> Any:
             """The section of a law, or a parameter or section by its former name."""
             if name in RENAMED:
-                return self.get(RENAMED[name])
+                return getattr(self, RENAMED[name])
             if name.startswith("_") or name not in (found := self.law_sections()):
                 raise AttributeError(name)
             return found[name]

@@ -148,7 +148,7 @@ class Page:
             if (player := self._player) is not None:
                 steps.run("player", player.update, now_s)
             if (scene := self._scene) is not None:
-                steps.run("handle", scene.fit, now_s)
+                steps.run("handle", scene.fit, now_s, again=self._drop_scene)
             steps.run("numbers", lambda: self._draw_numbers(snapshot, now_s), now_s)
 
     def _draw_controls(self, panel: ControlPanel, snapshot: Snapshot) -> None:
