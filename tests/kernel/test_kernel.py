@@ -202,6 +202,22 @@ def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.Monkey
     assert not sources.are_compiled("one")
 
 
+def test_a_mark_is_there_all_the_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Each process that loads a kind marks it, and may be stopped meanwhile: none may empty the file first."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sources.mark("one")
+    (file,) = tmp_path.rglob("compiled-*")
+    before = file.stat()
+    sources.mark("one")
+    assert (file.stat().st_ino, file.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    with file.open() as read, monkeypatch.context() as patch:
+        patch.setattr(sources, "digest", lambda: "another")
+        sources.mark("one")
+        assert sources.are_compiled("one")
+        assert len(read.read()) == 64  # the former file is whole: a reader that has opened it sees no part of the next
+    assert list(tmp_path.rglob("compiled-*")) == [file]
+
+
 def test_machine_code_of_two_kinds_shares_no_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Two processes that compile at the same time would each overwrite what the other one made."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -48,9 +49,17 @@ def are_compiled(kind: str) -> bool:
 
 
 def mark(kind: str) -> None:
-    """Note that this kind is compiled. Without a writable directory, later processes compile it again."""
+    """Note that this kind is compiled. Without a writable directory, later processes compile it again.
+
+    The file is replaced as a whole, as other processes read it meanwhile, and this one may be killed at any moment.
+    """
+    if are_compiled(kind):
+        return
+    file = _mark(kind)
+    written = file.with_name(f"{file.name}.{os.getpid()}")
     with suppress(OSError):
-        _mark(kind).write_text(digest(), "utf-8")
+        written.write_text(digest(), "utf-8")
+        written.replace(file)
 
 
 def _compiler() -> str:
