@@ -11,6 +11,7 @@ from typing import Any, Self
 import pytest
 
 from hapnet.recording.mcap import read_recording
+from tests.conftest import mostly_slow
 from tests.faults.invariants import columns_of
 from tests.support.processes import Emulator, assert_passive, started
 
@@ -48,8 +49,7 @@ def assert_within_bound(found: dict[str, Any], summary: dict[str, Any], out: Pat
     assert found["most_given_J"] <= given_J.max() + near
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize("more", mostly_slow([(("--realtime",),), ((),)], 0, 1), ids=["realtime", "thread"])
 def test_a_run_with_the_arm(more: tuple[str, ...], tmp_path: Path) -> None:
     """Paired, a contact felt, margins and slack as with the simulated device; passive by both accounts."""
     with Service(tmp_path) as service:

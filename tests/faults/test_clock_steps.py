@@ -14,6 +14,7 @@ import pytest
 import hapnet
 import netem
 from hapnet.recording.mcap import read_recording
+from tests.conftest import mostly_slow
 from tests.faults.invariants import assert_pair_kept_the_rules
 from tests.faults.support import let_pass, pair
 
@@ -112,8 +113,7 @@ def test_the_stepped_clock_bites(shim: dict[str, str]) -> None:
     assert 0.0 < steady_s < 5.0
 
 
-@pytest.mark.parametrize("seconds", [1.5, 10.0])
-@pytest.mark.slow
+@pytest.mark.parametrize("seconds", mostly_slow([1.5, 10.0], 0, 1))
 def test_a_run_does_not_notice(seconds: float, shim: dict[str, str], tmp_path: Path) -> None:
     link = ("--delay", "20ms", "--jitter", "5ms", "--loss", "1%")
     with pair(tmp_path, *link, device=("--set", "record_hz=1000"), env=shim) as sides:

@@ -52,8 +52,8 @@ def test_a_clean_path_has_irtts_round_trip_over_every_transport() -> None:
         assert what.startswith("round trip 85.0 ms")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("transport", ["udp", pytest.param("udp --encrypt", marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("transport", ["udp", "udp --encrypt"])
 def test_path_says_what_irtt_says(transport: str) -> None:
     if shutil.which("irtt") is None:
         pytest.skip("no such tool: irtt")

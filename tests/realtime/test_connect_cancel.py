@@ -12,6 +12,7 @@ from hapnet.realtime import shutdown
 from hapnet.realtime.connected import ConnectedWorld
 from hapnet.realtime.side_events import EventKind
 from hapnet.transport.config import local_address
+from tests.conftest import mostly_slow
 from tests.support.cancelling import Handle, Leaks, Noting, cancelled_at, watched
 from tests.support.pairs import WAIT_S
 
@@ -130,8 +131,7 @@ async def test_a_recording_is_whole_and_a_servos_process_is_gone(
     assert number > 2 * step
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("victim", [PROGRAM, SIDE])
+@pytest.mark.parametrize("victim", mostly_slow([PROGRAM, SIDE], 0, 1))
 async def test_every_place(place: Place, victim: str) -> None:
     number = 0
     while await place.cancelled(number, victim):
