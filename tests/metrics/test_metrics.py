@@ -1,8 +1,10 @@
 """Metrics of motion, force and drift, against values computed by hand."""
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +13,14 @@ from scipy import signal
 from hapnet.checks import Array
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.metrics.force import buzz, force_error
+from hapnet.ext.metrics.measured import Measured
 from hapnet.ext.metrics.motion import drift
+from hapnet.params import Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import MemoryRecorder, Recording
+from hapnet.simulation.simulation import Simulation
 from hapnet.summary.from_samples import motion
+from netem import Link
 from tests.support.metric_recordings import RATE_HZ, device, recording, sampled, world
 
 
@@ -223,3 +229,20 @@ def test_a_metrics_name_ends_in_its_unit() -> None:
         assert name.endswith(suffixes[metric.unit])
         assert metric.heading == (f"{metric.label} [{metric.unit}]" if metric.unit else metric.label)
         assert not metric.meaning[0].isupper()
+
+
+def test_packets_are_all_messages_that_were_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside an own count of what is given to each link; the device sends more than the world, so no sign can swap."""
+    sent, send = Counter[int](), Link.send
+
+    def counted(link: Link[Any], now_ns: int, item: Any, size: int | None = None) -> None:
+        sent[id(link)] += 1
+        send(link, now_ns, item, size)
+
+    monkeypatch.setattr(Link, "send", counted)
+    params = Params().set({"duration_s": 4.0, "link.up": "delay 10ms loss 5%", "link.down": "delay 10ms"})
+    simulation = Simulation(params, 1, motion_only=True, kernel=False)
+    run = Measured(simulation.setup.params, simulation.run(), simulation.setup.scene)
+    up, down = sorted(sent.values(), reverse=True)
+    found = [METRICS[f"packets_{way}per_s"].find(run) for way in ("", "up_", "down_")]
+    assert found == pytest.approx([(up + down) / 4.0, up / 4.0, down / 4.0])
