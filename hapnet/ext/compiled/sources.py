@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from hapnet.errors import HapnetError
 from hapnet.records.machine_code import directory
 
 _PACKAGE = Path(__file__).parents[2]
@@ -51,15 +51,14 @@ def are_compiled(kind: str) -> bool:
 def mark(kind: str) -> None:
     """Note that this kind is compiled. Without a writable directory, later processes compile it again.
 
-    The file is replaced as a whole, as other processes read it meanwhile, and this one may be killed at any moment.
+    Other processes read the file meanwhile, so it is replaced as a whole.
     """
     if are_compiled(kind):
         return
-    file = _mark(kind)
-    written = file.with_name(f"{file.name}.{os.getpid()}")
-    with suppress(OSError):
-        written.write_text(digest(), "utf-8")
-        written.replace(file)
+    from hapnet.recording.whole_file import complete_or_absent  # here, as a plain run imports this module
+
+    with suppress(HapnetError), complete_or_absent(_mark(kind)) as file:
+        file.write_text(digest(), "utf-8")
 
 
 def _compiler() -> str:
