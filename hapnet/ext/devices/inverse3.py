@@ -211,7 +211,7 @@ class Inverse3(Driver):
 
     def _check_for_new_session(self) -> None:
         """Begin anew after a lost connection."""
-        if self._session.is_lost():
+        if self._session.restart_if_lost():
             self._forces.lose_answers()
 
     def _take(self, raw: bytes) -> wire.Inverse3State | None:

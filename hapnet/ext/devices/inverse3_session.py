@@ -42,8 +42,9 @@ class ArmSession:
         self._requested, self._finds_spelling = requested, spelling == AUTO
         self._calls = self._to_skip = self._requests_left = 0
 
-    def is_lost(self) -> bool:
-        """Whether the connection is a new one. The service has dropped the client's settings then."""
+    def restart_if_lost(self) -> bool:
+        """Restart the session if the connection is a new one, as the service has dropped the client's settings then;
+        returns whether it is."""
         if self._calls == self.service.calls:
             return False
         self._calls = self.service.calls
