@@ -14,11 +14,12 @@ import pytest
 
 from hapnet import cli, simulate_batch
 from hapnet.couplings.registry import COUPLINGS
-from hapnet.ext.compiled import memory, progress, samples, sources, twins
+from hapnet.ext.compiled import memory, names, progress, samples, sources, twins
 from hapnet.ext.compiled.whole_runs import coverage
 from hapnet.params import Params
 from hapnet.records import machine_code, vectors
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import ENVIRONMENT
 from tests.support.kernel_cases import LOSSY, differences, kernel_case
 from tests.support.kernel_edges import ONE_AXIS, SEVERAL_AXES
 from tests.support.paper import PAPER
@@ -200,6 +201,21 @@ def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.Monkey
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     sources.mark("one")  # as where nothing can be written
     assert not sources.are_compiled("one")
+
+
+@pytest.mark.slow
+def test_ends_that_two_processes_compiled_run_in_one(tmp_path: Path) -> None:
+    """Numba numbers functions in each process anew; records of other sizes under the same name crashed the third."""
+    environment = {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path)}
+
+    def run(code: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, "-c", code], env=environment)
+
+    make = "from hapnet.ext.compiled import real_time; real_time.make_ready({!r})"
+    both = [run(make.format(names.named(names.SERVO, axes))) for axes in (3, 7)]
+    assert [process.wait(200.0) for process in both] == [0, 0]
+    rows = "from hapnet.ext.bench import registry, row; o = row.Options(seconds=0.1, rounds=1); "
+    assert run(rows + "[registry.ROWS[one](o) for one in ('device_tick', 'side_tick_joints')]").wait(100.0) == 0
 
 
 def test_a_mark_is_there_all_the_time(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def entry(function: Callable[..., Any], name: str, choices: Choices) -> Twin:
     assert isinstance(function, FunctionType)
     sites = _call_sites(function, choices)
     inlined = {one for one, count in sites.items() if count == 1 and _length(_source(one)) <= _MOST_INSTRUCTIONS}
-    twin = _with_globals(function, _names(function, sites, inlined, choices))
+    twin = _with_globals(function, _names(function, name, sites, inlined, choices))
     twin.__qualname__ = name
     try:
         with kept():
@@ -74,9 +74,13 @@ def _compiling(**options: Any) -> Any:
     return numba.njit(error_model="numpy", **options)
 
 
-def _names(function: FunctionType, equations: Iterable[Any], inlined: Container[Any], choices: Choices) -> Names:
+def _names(
+    function: FunctionType, name: str, equations: Iterable[Any], inlined: Container[Any], choices: Choices
+) -> Names:
     """The globals of the entry's twin: those of its module, with each equation replaced by its twin.
 
+    name : the entry's, which each twin's name begins with. Numba's symbols are made of names, and a process that loads
+        machine code of two entries must not take a function of the one for that of the other.
     inlined : the equations that are inlined into their caller before numba compiles the caller.
     """
     modules = {one.__module__ for one in (function, *equations, *map(_source, equations), *choices)}
@@ -86,14 +90,16 @@ def _names(function: FunctionType, equations: Iterable[Any], inlined: Container[
     for one in equations:
         source = _source(one)
         compiling = _compiling(inline="always" if one in inlined else "never")
-        made[one] = compiling(_with_globals(source, names[source.__module__]))
+        twin = _with_globals(source, names[source.__module__])
+        twin.__qualname__ = f"{name}.{source.__qualname__}"
+        made[one] = compiling(twin)
     made |= {one: made[chosen] for one, chosen in choices.items() if chosen in made}
     for known in names.values():
-        for name, value in known.items():
+        for key, value in known.items():
             if isinstance(value, FunctionType) and value in made:
-                known[name] = made[value]
+                known[key] = made[value]
             elif isinstance(value, ModuleType) and value.__name__ in stubs:
-                known[name] = stubs[value.__name__]
+                known[key] = stubs[value.__name__]
     for module, stub in stubs.items():
         vars(stub).update(names[module])
     return names[function.__module__]
