@@ -7,6 +7,7 @@ its twin. One source serves plain Python and compiled code, and plain Python doe
 from __future__ import annotations
 
 import dis
+import hashlib
 import sys
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping
@@ -79,19 +80,21 @@ def _names(
 ) -> Names:
     """The globals of the entry's twin: those of its module, with each equation replaced by its twin.
 
-    name : the entry's, which each twin's name begins with. Numba's symbols are made of names, and a process that loads
-        machine code of two entries must not take a function of the one for that of the other.
+    name : the entry's, which marks each twin's name. Numba's symbols are made of names, and a process that loads
+        machine code of two entries must not take a function of the one for that of the other. The mark is short: the
+        variables of an inlined function are named after all its callers, and LLVM cuts names off at 1024 letters.
     inlined : the equations that are inlined into their caller before numba compiles the caller.
     """
     modules = {one.__module__ for one in (function, *equations, *map(_source, equations), *choices)}
     names: dict[str, Names] = {module: dict(vars(sys.modules[module])) for module in modules}
     stubs = {module: ModuleType(module) for module in modules}
     made: dict[Any, Any] = {}
+    mark = hashlib.sha256(name.encode()).hexdigest()[:8]
     for one in equations:
         source = _source(one)
         compiling = _compiling(inline="always" if one in inlined else "never")
         twin = _with_globals(source, names[source.__module__])
-        twin.__qualname__ = f"{name}.{source.__qualname__}"
+        twin.__qualname__ = f"{mark}.{source.__qualname__}"
         made[one] = compiling(twin)
     made |= {one: made[chosen] for one, chosen in choices.items() if chosen in made}
     for known in names.values():
