@@ -393,10 +393,6 @@ def test_the_golden_trajectory() -> None:
     assert not any(math.isnan(value) for values in columns.values() for value in values)
 
 
-if __name__ == "__main__":
-    write_golden()
-
-
 def test_an_outage_is_counted_with_its_length() -> None:
     """Nothing comes for as long as the link is down, and until the next set-position, which is sent every 5 ms."""
     link = {"link.up": "delay 10ms", "link.down": "delay 10ms", "link.up_timeline": "at 1s: down; at 2.2s: up"}
@@ -405,3 +401,7 @@ def test_an_outage_is_counted_with_its_length() -> None:
     assert outages["count"] == 1
     assert outages["longest_s"] == outages["total_s"] == pytest.approx(1.2, abs=0.011)
     assert summary["device"]["outages"]["count"] == 0
+
+
+if __name__ == "__main__":
+    write_golden()
