@@ -20,7 +20,7 @@ from hapnet.ext.metrics.impedance import (
 )
 from hapnet.ext.study.impedance import HARMONICS, PERIOD_S, Transmission, curve, transmission, true_impedance
 from hapnet.ext.study.z_width import ZWidth, maximum, z_width
-from hapnet.params import RELAXED_HAND
+from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import DeviceSample, MemoryRecorder, Recording
 from tests.support.paper import PAPER
@@ -135,6 +135,16 @@ def test_a_held_spring_over_a_delay_transmits_what_theory_says(delay_ms: int) ->
         assert line.impedance == pytest.approx(theory, rel=0.015)
     assert found.off_3dB_hz is None
     assert found.truth[0].real == pytest.approx(100.0 * 3000.0 / 3500.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 600.0, 2000.0])
+def test_a_stiff_spring_is_measured_below_the_largest_force_of_the_motors(stiffness: float) -> None:
+    """10 mm deep a spring of 600 N/m would saturate, and the force would not change at all."""
+    found = transmission(Params().set({"link.up": "lan", "link.down": "lan", "device.stiffness": stiffness}), 0, 1)
+    series = 1.0 / (1.0 / stiffness + 500.0 / (stiffness * 3000.0))
+    assert found.truth[0].real == pytest.approx(series, rel=1e-3)
+    for line in found.lines[:3]:
+        assert line.stiffness == pytest.approx(series, rel=0.06)
 
 
 def test_what_cannot_be_measured_is_refused() -> None:

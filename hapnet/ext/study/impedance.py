@@ -18,6 +18,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, prepare
 from hapnet.checks import Array, Vector
 from hapnet.couplings.registry import coupling
+from hapnet.couplings.rendering import largest
 from hapnet.couplings.spec import scalar_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics.impedance import (
@@ -30,7 +31,7 @@ from hapnet.ext.metrics.impedance import (
     transmitted,
 )
 from hapnet.ext.metrics.measured import quantile
-from hapnet.params import Params
+from hapnet.params import DeviceParams, Params
 from hapnet.plant.operator import Impedance, Operator, minimum_jerk
 from hapnet.plant.worlds.walls import Wall
 from hapnet.recording.samples import Recording
@@ -41,6 +42,9 @@ DEPTH_M, AMPLITUDE_M = 0.010, 0.002
 PERIOD_S = 4.0
 IMPOSING = Impedance(0.5, 400.0, 1e5)
 """A hand that imposes its motion: 1 N moves it by 10 um."""
+
+_SATURATED = 0.9
+"""The share of the spring's largest force that the motion needs at most."""
 
 _APPROACH_S, _REST_S = 1.0, 1.0
 HARMONICS = harmonics_between(MIN_HZ, MOST_HZ, PERIOD_S, LINES)
@@ -60,6 +64,12 @@ def swing(t: float) -> float:
     return minimum_jerk(since / PERIOD_S) * _SIGNAL(since) if since > 0.0 else 0.0
 
 
+def unsaturated(device: DeviceParams) -> float:
+    """The share of `DEPTH_M` and `AMPLITUDE_M` at which the device's spring stays below its largest force."""
+    most = _SATURATED * device.force_limit_N * device.spring_share
+    return min(1.0, most / (largest(device.stiffness) * (DEPTH_M + AMPLITUDE_M))) if most else 1.0
+
+
 class Way(NamedTuple):
     """An imposed motion.
 
@@ -73,15 +83,15 @@ class Way(NamedTuple):
 
 
 class Imposed:
-    """A hand that moves along `normal` to `DEPTH_M` inside the wall, and to and fro there."""
+    """A hand that moves along `normal` to `DEPTH_M` inside the wall, and to and fro there; `share` of both."""
 
-    def __init__(self, wall: Wall, start: Vector) -> None:
+    def __init__(self, wall: Wall, start: Vector, share: float) -> None:
         self.impedance = IMPOSING
         self._start, self._normal = start, wall.normal
-        self._path = DEPTH_M - wall.penetration(start)
+        self._path, self._most = share * DEPTH_M - wall.penetration(start), share * AMPLITUDE_M
 
     def reference(self, t: float) -> Vector:
-        along = self._path * approach(t) + AMPLITUDE_M * swing(t)
+        along = self._path * approach(t) + self._most * swing(t)
         return tuple([x + along * n for x, n in zip(self._start, self._normal, strict=True)])
 
 
@@ -152,7 +162,8 @@ def _into_the_wall(setup: Setup) -> Way:
         assert recording.device is not None, "a simulated run has both sides"
         return recording.device["position_m"] @ normal, -(recording.device["force_N"] @ normal)
 
-    return Way(Imposed(wall, setup.scene.start), along, lambda hz: true_impedance(setup.params, wall, hz))
+    hand = Imposed(wall, setup.scene.start, unsaturated(setup.params.device))
+    return Way(hand, along, lambda hz: true_impedance(setup.params, wall, hz))
 
 
 def curve(found: Sequence[Transmission]) -> Curve:

@@ -15,7 +15,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, prepare
 from hapnet.checks import Array, Vector, one_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.study.impedance import AMPLITUDE_M, DEPTH_M, IMPOSING, Way, approach, swing
+from hapnet.ext.study.impedance import AMPLITUDE_M, DEPTH_M, IMPOSING, Way, approach, swing, unsaturated
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.device import turned
 from hapnet.ext.tools.scene import ToolScene
@@ -55,21 +55,26 @@ def path_of(setup: Setup, motion: str) -> Way:
     """
     one_of("motion", motion, MOTIONS)
     axis, scene = AXES.index(motion[-1]), _scene(setup.params)
-    home = _home(scene.contacts)
+    share = unsaturated(setup.params.device)
+    home = _home(scene.contacts, share * DEPTH_M)
     true = _truth(setup.params, scene, turned(home, (0.0, 0.0, 0.0)))
     row = 3 + axis if turns(motion) else axis
-    return Way(_Hand(home, axis, turns(motion)), partial(_along, axis, turns(motion)), lambda hz: true(hz)[row])
+    return Way(
+        _Hand(home, axis, turns(motion), share * AMPLITUDE_M),
+        partial(_along, axis, turns(motion)),
+        lambda hz: true(hz)[row],
+    )
 
 
 class _Hand:
-    """A hand that moves to `home` (3,) [m], and from there along the axis or about it."""
+    """A hand that moves to `home` (3,) [m], and from there along the axis or about it, by at most `most` [m]."""
 
-    def __init__(self, home: Vector, axis: int, turns: bool) -> None:
+    def __init__(self, home: Vector, axis: int, turns: bool, most: float) -> None:
         self.impedance = IMPOSING
-        self._home, self._axis, self._turns = home, axis, turns
+        self._home, self._axis, self._turns, self._most = home, axis, turns, most
 
     def reference(self, t: float) -> Vector:
-        share, moved = approach(t), AMPLITUDE_M * swing(t)
+        share, moved = approach(t), self._most * swing(t)
         at, turn = [share * part for part in self._home], [0.0] * 3
         if self._turns:
             turn[self._axis] = moved / ARM_M
@@ -92,8 +97,8 @@ def _scene(params: Params) -> ToolScene:
     return scene
 
 
-def _home(contacts: ToolContacts) -> Vector:
-    """The place to which the tool is moved (3,) [m]: into the first solid, on the shortest way from the start."""
+def _home(contacts: ToolContacts, depth: float) -> Vector:
+    """Where the tool is moved (3,) [m]: `depth` into the first solid, on the shortest way from the start."""
     if not contacts.solids:
         return (0.0, 0.0, 0.0)
     shape = contacts.solids[0].shape
@@ -105,7 +110,7 @@ def _home(contacts: ToolContacts) -> Vector:
         if near and near[0][0] < _BY:
             break
         travelled += near[0][0] if near else distance
-    return tuple(((min(travelled, distance) + DEPTH_M) * path).tolist())
+    return tuple(((min(travelled, distance) + depth) * path).tolist())
 
 
 def _truth(params: Params, scene: ToolScene, x: Vector) -> Callable[[float], Array]:
