@@ -69,7 +69,7 @@ def milli_up(energy_J: float, of_J: float) -> str:
         return milli(energy_J)
     digits = max(1, 2 - math.floor(math.log10(of_J * 1e3)))
     value = energy_J * 1e3
-    steps = math.ceil(round(value * 10.0**digits, 6))  # 12.4 mJ is not 12.400000000000002
+    steps = math.ceil(value * 10.0**digits * (1.0 - 1e-12))  # 12.4 mJ is not 12.400000000000002
     text = f"{steps / 10**digits:.{digits}f}".rstrip("0").rstrip(".")
     return min(text, milli(of_J), key=float) if energy_J <= of_J else text
 

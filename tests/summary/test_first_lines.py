@@ -83,7 +83,7 @@ def test_the_energy_is_rounded_upwards_and_stays_within_what_is_allowed(allowed_
     energy_J = share * allowed_J
     shown = float(milli_up(energy_J, allowed_J))
     assert shown <= float(f"{1e3 * allowed_J:.4g}")
-    assert shown >= 1e3 * energy_J * (1.0 - 1e-3) - 1e-7  # what is allowed has four digits; 0.1 nJ: rounding
+    assert shown >= 1e3 * energy_J * (1.0 - 1e-3) - 1e-9  # the allowed energy itself has four digits
     assert shown <= 1e3 * energy_J + max(0.1, 1e-5 * allowed_J) + 1e-9
 
 
