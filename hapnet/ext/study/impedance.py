@@ -43,7 +43,7 @@ PERIOD_S = 4.0
 IMPOSING = Impedance(0.5, 400.0, 1e5)
 """A hand that imposes its motion: 1 N moves it by 10 um."""
 
-_SATURATED = 0.9
+_MOST_SHARE = 0.9
 """The share of the spring's largest force that the motion needs at most."""
 
 _APPROACH_S, _REST_S = 1.0, 1.0
@@ -64,10 +64,11 @@ def swing(t: float) -> float:
     return minimum_jerk(since / PERIOD_S) * _SIGNAL(since) if since > 0.0 else 0.0
 
 
-def unsaturated(device: DeviceParams) -> float:
-    """The share of `DEPTH_M` and `AMPLITUDE_M` at which the device's spring stays below its largest force."""
-    most = _SATURATED * device.force_limit_N * device.spring_share
-    return min(1.0, most / (largest(device.stiffness) * (DEPTH_M + AMPLITUDE_M))) if most else 1.0
+def imposed_m(device: DeviceParams) -> tuple[float, float]:
+    """Depth and amplitude of the motion [m]: `DEPTH_M` and `AMPLITUDE_M`, or less, so that no spring saturates."""
+    most = _MOST_SHARE * device.force_limit_N * device.spring_share
+    share = min(1.0, most / (largest(device.stiffness) * (DEPTH_M + AMPLITUDE_M))) if most else 1.0
+    return share * DEPTH_M, share * AMPLITUDE_M
 
 
 class Way(NamedTuple):
@@ -83,15 +84,15 @@ class Way(NamedTuple):
 
 
 class Imposed:
-    """A hand that moves along `normal` to `DEPTH_M` inside the wall, and to and fro there; `share` of both."""
+    """A hand that moves to a depth inside the wall [m], and there to and fro along the normal by an amplitude [m]."""
 
-    def __init__(self, wall: Wall, start: Vector, share: float) -> None:
+    def __init__(self, wall: Wall, start: Vector, depth: float, amplitude: float) -> None:
         self.impedance = IMPOSING
         self._start, self._normal = start, wall.normal
-        self._path, self._most = share * DEPTH_M - wall.penetration(start), share * AMPLITUDE_M
+        self._path, self._amplitude = depth - wall.penetration(start), amplitude
 
     def reference(self, t: float) -> Vector:
-        along = self._path * approach(t) + self._most * swing(t)
+        along = self._path * approach(t) + self._amplitude * swing(t)
         return tuple([x + along * n for x, n in zip(self._start, self._normal, strict=True)])
 
 
@@ -162,7 +163,7 @@ def _into_the_wall(setup: Setup) -> Way:
         assert recording.device is not None, "a simulated run has both sides"
         return recording.device["position_m"] @ normal, -(recording.device["force_N"] @ normal)
 
-    hand = Imposed(wall, setup.scene.start, unsaturated(setup.params.device))
+    hand = Imposed(wall, setup.scene.start, *imposed_m(setup.params.device))
     return Way(hand, along, lambda hz: true_impedance(setup.params, wall, hz))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, prepare
 from hapnet.checks import Array, Vector, one_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.study.impedance import AMPLITUDE_M, DEPTH_M, IMPOSING, Way, approach, swing, unsaturated
+from hapnet.ext.study.impedance import IMPOSING, Way, approach, imposed_m, swing
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.device import turned
 from hapnet.ext.tools.scene import ToolScene
@@ -55,26 +55,26 @@ def path_of(setup: Setup, motion: str) -> Way:
     """
     one_of("motion", motion, MOTIONS)
     axis, scene = AXES.index(motion[-1]), _scene(setup.params)
-    share = unsaturated(setup.params.device)
-    home = _home(scene.contacts, share * DEPTH_M)
+    depth, amplitude = imposed_m(setup.params.device)
+    home = _home(scene.contacts, depth)
     true = _truth(setup.params, scene, turned(home, (0.0, 0.0, 0.0)))
     row = 3 + axis if turns(motion) else axis
     return Way(
-        _Hand(home, axis, turns(motion), share * AMPLITUDE_M),
+        _Hand(home, axis, turns(motion), amplitude),
         partial(_along, axis, turns(motion)),
         lambda hz: true(hz)[row],
     )
 
 
 class _Hand:
-    """A hand that moves to `home` (3,) [m], and from there along the axis or about it, by at most `most` [m]."""
+    """A hand that moves to `home` (3,) [m], and from there along or about the axis; amplitude : at the arms [m]."""
 
-    def __init__(self, home: Vector, axis: int, turns: bool, most: float) -> None:
+    def __init__(self, home: Vector, axis: int, turns: bool, amplitude: float) -> None:
         self.impedance = IMPOSING
-        self._home, self._axis, self._turns, self._most = home, axis, turns, most
+        self._home, self._axis, self._turns, self._amplitude = home, axis, turns, amplitude
 
     def reference(self, t: float) -> Vector:
-        share, moved = approach(t), self._most * swing(t)
+        share, moved = approach(t), self._amplitude * swing(t)
         at, turn = [share * part for part in self._home], [0.0] * 3
         if self._turns:
             turn[self._axis] = moved / ARM_M

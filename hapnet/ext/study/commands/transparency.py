@@ -173,7 +173,8 @@ def transparency(
     words.print(
         f"3 dB off: the lowest frequency, of 0.5 to 20 Hz, at which the transmitted impedance is 3 dB from the true "
         f"{'tool' if any(motions) else 'wall'}; median and quartiles over {len(seeds)} seeds. A device is moved by 2 mm"
-        f"{', or turned by 2.9°,' if any(motions) else ''} about 10 mm inside the wall, less if it is too weak.",
+        f"{', or turned by 2.9°,' if any(motions) else ''} about 10 mm inside the wall, "
+        "or by less if its spring would saturate.",
         markup=False,
     )
     if springs:
