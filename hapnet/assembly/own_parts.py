@@ -55,8 +55,7 @@ def named_failure(params: Params, error: BaseException) -> BaseException:
 
 def require_parts(what: str, part: object, protocol: type) -> None:
     """Raise HapnetError unless `part`, called `what` in the message, has all attributes of `protocol`."""
-    kinds = [kind for kind in protocol.__mro__ if kind.__module__ == protocol.__module__]
-    names = {name for kind in kinds for name in (*vars(kind), *vars(kind).get("__annotations__", ()))}
+    names = {name for kind in protocol.__mro__ for name in (*vars(kind), *vars(kind).get("__annotations__", ()))}
     lacking = sorted(name for name in names if not name.startswith("_") and not hasattr(part, name))
     if lacking:
         missing = f"{type(part).__name__} has no {', '.join(lacking)}"
