@@ -14,18 +14,19 @@ the solution: the observer (hapnet/ext/engines/observer.py) uses the work of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.ext.engines.found_planes import FoundPlanes, can_be_searched
 from hapnet.ext.engines.implicit import solved
 from hapnet.ext.engines.observed_world import ObservedWorld, compliance_of, nearest
-from hapnet.ext.engines.obstacle import Law, Obstacle, ObstacleState
+from hapnet.ext.engines.obstacle import Law, Obstacle, ObstacleState, Planes
 from hapnet.ext.engines.obstacles_picture import ObstaclesPicture
 from hapnet.mechanics.contacts import Inverse
-from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.plane import Plane, checked
 from hapnet.records.vectors import added
 
 
@@ -34,17 +35,23 @@ class ForceWorld(ObservedWorld):
 
     force : a function of position (n,) [m], velocity (n,) [m/s] and time [s] that gives the force on the proxy [N]; or
         obstacles, each with its own force.
+    planes : of a force function, as `Obstacle.planes`; by default they are found (hapnet/ext/engines/found_planes.py).
     others : parameters of `ObservedWorld`.
 
     Raises InvalidParameter; HapnetError from `solve` if a function fails or returns an invalid value.
     """
 
-    def __init__(self, force: Law | Sequence[Obstacle], **others: Any) -> None:
+    def __init__(
+        self, force: Law | Sequence[Obstacle], planes: Plane | Planes | Literal["found"] | None = "found", **others: Any
+    ) -> None:
         super().__init__(**others)
-        obstacles = [Obstacle(force)] if callable(force) else list(force)
+        own = None if planes == "found" else planes
+        obstacles = [Obstacle(force, planes=own)] if callable(force) else list(force)
         if not obstacles or not all(isinstance(obstacle, Obstacle) for obstacle in obstacles):
             raise InvalidParameter("force", force, "a function, or hapnet.Obstacle objects")
         self.obstacles: list[ObstacleState] = [ObstacleState(obstacle, self.dof, self.name) for obstacle in obstacles]
+        searched = planes == "found" and can_be_searched(force, self.dof, self.units)
+        self._found = FoundPlanes(force, self.dof) if callable(force) and searched else None
         self.time_s: float = 0.0
         self._supplied_J = 0.0
 
@@ -59,6 +66,9 @@ class ForceWorld(ObservedWorld):
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
         """The planes of all obstacles; None if an obstacle has none, as the device would not feel it."""
+        if self._found is not None:
+            found = self._found.around(tuple(position), reach_m, self.time_s)
+            return None if found is None else nearest(checked(found, self.dof), position, reach_m)
         by_obstacle = [body.planes(position, self.time_s) for body in self.obstacles]
         if None in by_obstacle:
             return None

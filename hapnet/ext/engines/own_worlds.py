@@ -73,7 +73,9 @@ def builder(name: str, allowed: str, known: Iterable[str]) -> Callable[..., obje
 def _force_world(
     force: Law, name: str, /, *, dof: int = 1, step_min_s: float = STEP_MIN_S, step_max_s: float = STEP_MAX_S
 ) -> ForceWorld:
-    own: dict[str, Any] = {part: getattr(force, part) for part in ("energy_J", "units") if hasattr(force, part)}
+    own: dict[str, Any] = {
+        part: getattr(force, part) for part in ("energy_J", "planes", "units") if hasattr(force, part)
+    }
     return ForceWorld(force, dof=dof, name=name, min_s=step_min_s, max_s=step_max_s, **own)
 
 
