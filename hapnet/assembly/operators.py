@@ -19,6 +19,7 @@ from hapnet.loading import extension, failure, load
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.generated_hand import GeneratedHand, Tremor
 from hapnet.plant.live_hand import LiveHand
+from hapnet.plant.natural_hands import Strokes, Writing
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
@@ -88,6 +89,12 @@ def _moving(params: Params, scene: World) -> Operator:
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if found := re.fullmatch(r"hand-([1-9]\d{0,8})", name):
         return _generated(int(found[1]), _along(scene, 1.0), LEVER_M if params.units == RADIANS else 1.0)
+    if found := re.fullmatch(r"(strokes|writing)-([1-9]\d{0,8})", name):
+        if RADIANS in units_of(scene.units, dof):
+            raise InvalidParameter(
+                "operator", name, "another operator: this hand moves to places in metres, not angles"
+            )
+        return _natural(found[1], int(found[2]), dof, impedance)
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():
@@ -106,8 +113,18 @@ def _generated(number: int, normal: Vector, lever: float) -> GeneratedHand:
     return GeneratedHand(rng, normal, impedances[0], impedances[1], 1.0 / lever)
 
 
+@lru_cache
+def _natural(kind: str, number: int, dof: int, impedance: Impedance) -> Strokes | Writing:
+    """The hand of this kind with this number; its strokes are fast."""
+    rng = np.random.default_rng(number)
+    if kind == "writing":
+        return Writing(dof, impedance, rng)
+    return Strokes(dof, impedance, rng, touches=0.5, slides=0.0, slowest=0.3, fastest=0.9)
+
+
 ALLOWED = (
-    "rest, sine, press, hand-N (N from 1), a recording's path (.csv, .mcap), or module:Class taking dof and impedance"
+    "rest, sine, press, hand-N (N from 1), strokes-N, writing-N, a recording's path (.csv, .mcap), or module:Class "
+    "taking dof and impedance"
 )
 
 

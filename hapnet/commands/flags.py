@@ -38,7 +38,8 @@ Operator = Annotated[
     _model(
         metavar="NAME|FILE",
         help="The operator: rest, sine, press, hand-1, a recording."
-        "\n\nhand-N is generated from the number N. A recording is a .csv or .mcap file.",
+        "\n\nhand-N, strokes-N (0.3 to 0.9 m/s) and writing-N are generated from the number N. "
+        "A recording is a .csv or .mcap file.",
         autocompletion=complete.operators,
     ),
 ]
