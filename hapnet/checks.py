@@ -24,8 +24,9 @@ Signal = Scalar | tuple[int | float, ...]
 MAX_DOF = 64
 """The most axes: a message contains one number per axis, and a side refuses longer messages."""
 
-MOST_PLANES = 4
-"""The most planes that a world sends for one place: a room's corner has three."""
+MOST_PLANES, MOST_TOOL_PLANES = 4, 8
+"""The most planes that a world sends for one place: a room's corner has three. A tool with six degrees of freedom needs
+six to hold it."""
 
 MOST_CURVATURES = 2
 """The most principal curvatures that are sent with a plane: a surface in three dimensions has two."""

@@ -9,11 +9,20 @@ from itertools import islice
 from operator import sub
 from typing import Any, NamedTuple
 
-from hapnet.checks import MOST_FRICTION, MOST_PLANES, UNIT_TOLERANCE, Vector, wrong_curvatures, wrong_effects
+from hapnet.checks import (
+    MOST_FRICTION,
+    MOST_PLANES,
+    MOST_TOOL_PLANES,
+    UNIT_TOLERANCE,
+    Vector,
+    wrong_curvatures,
+    wrong_effects,
+)
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.curvature import Curvature, Curvatures, round_all_over
 from hapnet.mechanics.effects import Effects, Grain
 from hapnet.records.vectors import added, inner
+from hapnet.units import POSE_AXES
 
 FOLDED = 0.9
 """At depths above this share of its radius, a curved surface is sent as flat: its nearest point would depend on
@@ -96,11 +105,11 @@ class Plane(NamedTuple):
 
 
 def checked(planes: Iterable[Plane], dof: int) -> tuple[Plane, ...]:
-    """The first four of a user's planes, checked and converted to plain floats.
+    """The first four of a user's planes (eight for a pose), checked and converted to plain floats.
 
     Raises InvalidParameter: a normal is not a unit vector of `dof` components, or a number is out of its range.
     """
-    few = tuple(islice(planes, MOST_PLANES))
+    few = tuple(islice(planes, MOST_TOOL_PLANES if dof == POSE_AXES else MOST_PLANES))
     try:
         return _all_checked(few, dof)
     except TypeError:  # a list is not hashable

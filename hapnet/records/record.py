@@ -51,8 +51,11 @@ class AxisCount(int):
 AXES = AxisCount(3)
 """The default number of axes in compiled memory (see `room_for`). Python's vectors have any length."""
 
-PLANES = 4
-"""The most planes that a world sends for one place."""
+PLANES = 8
+"""The most planes that a world sends, for a tool."""
+
+POINT_PLANES = 4
+"""The most planes that a world sends for a point."""
 
 Floats = MutableSequence[float]
 Wholes = MutableSequence[int]

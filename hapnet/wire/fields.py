@@ -17,7 +17,7 @@ from msgspec import UNSET, Meta, UnsetType
 from hapnet.checks import (
     MAX_DOF as MAX_DOF,
     MOST_FRICTION,
-    MOST_PLANES,
+    MOST_TOOL_PLANES,
     UNIT_TOLERANCE,
     Scalar as Scalar,
     Signal as Signal,
@@ -87,7 +87,7 @@ Coordinates = Annotated[tuple[_Coordinate, ...], Meta(min_length=1, max_length=M
 Text = Annotated[str, Meta(max_length=MAX_TEXT)]
 Dof = Annotated[int, Meta(ge=1, le=MAX_DOF)]
 _Plane = tuple[Coordinates, _Coordinate, _Positive, _NotNegative, _Coordinate]
-Planes = Annotated[tuple[_Plane, ...], Meta(max_length=MOST_PLANES)] | None
+Planes = Annotated[tuple[_Plane, ...], Meta(max_length=MOST_TOOL_PLANES)] | None
 """Nothing, or planes: unit normal, offset, stiffness above 0, damping and velocity."""
 About = Annotated[dict[Text, Text | int | _Finite | bool | None], Meta(max_length=32)]
 _Numbers = Annotated[tuple[int | _Finite | bool, ...], Meta(max_length=MAX_DOF)]
@@ -240,7 +240,7 @@ def signals(value: object, kind: Any = SignalMap) -> None:
 
 
 def planes(value: Any) -> None:
-    """Check that the value is nil, or up to four planes with normals of length 1."""
+    """Check that the value is nil, or up to eight planes with normals of length 1."""
     unit_normals(*checked((value,), tuple[Planes], ("planes",)))
 
 

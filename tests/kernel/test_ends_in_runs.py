@@ -16,13 +16,14 @@ from hapnet.simulation.simulation import Simulation
 
 LINK = {"link.up": "4g", "link.down": "4g", "duration_s": 1.0}
 TOOL = {"scene": "tool:box + plane?normal=0,0,-1&at=0,0,-20mm", "operator_model.turn_rad": 0.5}
+PEG = {"scene": "tool:peg + hole?at=0,0,-20mm", "operator": "hand-42", "duration_s": 2.0}
 
 
 @pytest.mark.skipif(no_compiler() is not None, reason="nothing can be compiled")
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["tool", "seven joints"])
+@pytest.mark.parametrize("case", ["tool", "peg", "seven joints"])
 def test_compiled_ends_give_the_same_run(case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    changes: dict[str, Any] = TOOL
+    changes: dict[str, Any] = PEG if case == "peg" else TOOL
     if case == "seven joints":
         file = tmp_path / "seven.urdf"
         file.write_text(seven_joints(), "utf-8")

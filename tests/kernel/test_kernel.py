@@ -70,11 +70,11 @@ def test_at_the_edges_several_axes_give_the_same_bits(edge: str) -> None:
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 @pytest.mark.parametrize("seed", range(1000, 1025))
 def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
-    diverges = seed == 1018  # a plain coupling, 400 ms late
-    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed, LEAVES if diverges else None)
+    assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
 
 
-LAWS = sorted(set(COUPLINGS) - {"pspm", "zoh"})
+COMPILED = [name for name in COUPLINGS if COUPLINGS[name].compiled is not None]
+LAWS = sorted(set(COMPILED) - {"pspm", "zoh"})
 ROUGH = {"link.up": "delay 5ms 4ms loss 20% resend 2 3ms unordered limit 4", "link.down": "delay 20ms 10ms reorder 20%"}
 OF_LAWS: dict[str, dict[str, Any]] = {
     "over 4g": {"link.up": "4g", "link.down": "4g"},
@@ -99,9 +99,9 @@ def test_every_law_gives_the_same_bits(coupling: str, case: str) -> None:
 
 
 def test_every_law_is_compiled_on_its_own() -> None:
-    """Of the eight couplings only PSPM and the plain one are of one kind."""
+    """Of the eight that are compiled only PSPM and the plain one are of one kind."""
     kinds = {name: coverage.kind_of(SAMPLED.set({"coupling": name})) for name in COUPLINGS}
-    assert None not in kinds.values()
+    assert [name for name, kind in kinds.items() if kind is not None] == COMPILED
     assert len({kind.name for kind in kinds.values() if kind is not None}) == 7
     assert kinds["pspm"] == kinds["zoh"]
 
@@ -129,11 +129,16 @@ def test_progress_does_not_change_the_result() -> None:
     assert one.summary == other.summary
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
 def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None:
-    """A device that is too light for its spring, with no limit of force: held for a tick, the spring throws it away."""
+    """A device that is too light for its spring, with no limit of force: held for a tick, the spring throws it away.
+
+    A law's force that has neither account nor limits does that; a set-position's guard has an account.
+    """
     changes: dict[str, Any] = {
-        "coupling": "zoh", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
+        "coupling": "pd", "device.force_limit_N": 0.0, "device.stiffness": 1e5, "device.mass": 0.001,
+        "device.step_limit_N": 0.0, "device.greatest_speed": 1e6,
         "device.own_damping": 0.0, "operator_model.damping": 0.0, "operator_model.mass": 0.0,
     }  # fmt: skip
     params = SAMPLED.set({**changes, "rendering": "paper"})

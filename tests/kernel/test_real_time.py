@@ -9,7 +9,7 @@ import pytest
 from hapnet.assembly.build import Setup, prepare, virtual_mass
 from hapnet.checks import Vector
 from hapnet.control.coupling import DeviceCoupling, Ends, PositionSample, ProxySample, WorldCoupling, counted
-from hapnet.control.set_position_coupling import SetPositionSteps
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.couplings.spec import CouplingStart
 from hapnet.ext.compiled import names, real_time
 from hapnet.ext.compiled.servo_end import CompiledServo

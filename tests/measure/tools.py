@@ -70,7 +70,8 @@ def true_force(x: Array, K: float, K_world: float) -> Array:
 
 
 def run(changes: Mapping[str, object], seed: int = 1) -> Result:
-    return simulate({"scene": TABLE, "link.up": "4g", "link.down": "4g", "duration_s": 20.0, **changes}, seed=seed)
+    over = {"link.up": "4g", "link.down": "4g", "device.stiffness": 200.0}  # below the largest force of the motors
+    return simulate({"scene": TABLE, **over, "duration_s": 20.0, **changes}, seed=seed)
 
 
 def felt(result: Result) -> Felt:

@@ -19,7 +19,7 @@ def proxy(planes: object, **more: object) -> list[object]:
     ("kind", "planes"),
     [
         ("type", 1.0), ("type", [1.0]), ("type", [PLANE[:-1]]), ("type", [[*PLANE, 0.0]]), ("type", [[*PLANE[:4], 0]]),
-        ("range", [PLANE] * 5),
+        ("range", [PLANE] * 9),
         ("range", [[[1.0, 0.01], *PLANE[1:]]]), ("range", [[[0.99, 0.0], *PLANE[1:]]]),
         ("range", [[*PLANE[:2], 0.0, 10.0, 0.0]]), ("range", [[*PLANE[:2], -1.0, 10.0, 0.0]]),
         ("range", [[*PLANE[:3], -1e-9, 0.0]]), ("range", [[*PLANE[:4], nan]]), ("range", [[PLANE[0], inf, *PLANE[2:]]]),

@@ -9,10 +9,11 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.contact_surfaces import IN_PLACE_OF_FLAT_ONES
 from hapnet.control.coupling import DeviceCoupling, Ends, Made, WorldCoupling
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.control.smoothing import SmoothingFilter, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.ext.arms.device import SimulatedArm
@@ -113,6 +114,7 @@ class CompiledEnds(CompiledDevices):
         coupling = move.to(end.coupling, steps.coupling, CompiledCoupling)
         coupling.runs(array, end, run)
         made = CompiledSteps(coupling, steps.reporter, array, end, run)
+        made.stretch_m = steps.stretch_m
         if (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)) and _are_walls(contacts):
             assert isinstance(contacts, Contacts)
             bound.copy(end.contacts, contacts)

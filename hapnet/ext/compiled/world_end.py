@@ -7,11 +7,12 @@ from math import inf
 from typing import Any
 
 from hapnet.checks import Vector
-from hapnet.control import prediction, set_position_coupling as couplings
+from hapnet.control import predicted_device, set_position_coupling as couplings
 from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.reporter import SampleReporter
-from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.ext.compiled.sides import move_among
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.plant import integrator
@@ -54,7 +55,7 @@ def run_end(end: WorldEndRecord) -> bool:
         if end.coupling.shares:
             end.coupling.peer_level = end.level
         if end.predicted.in_use:
-            prediction.receive(end.predicted, end.n, end.x, end.sent_s, end.age_s)
+            predicted_device.receive(end.predicted, end.n, end.x, end.sent_s, end.age_s)
     elif end.doing == UPDATE:
         counted(end, end.dt, end.x, end.kinetic, end.work, end.dissipated)
     else:
@@ -63,7 +64,7 @@ def run_end(end: WorldEndRecord) -> bool:
             total += end.coupling.modulator.ybar[i]
         if not abs(total) < inf or not integrator.factored(end.mass, end.dt, integrator.OWN):
             return False
-        move_among(end.mass, end.contacts, end.dt, end.coupling.modulator.ybar)
+        move_among(end.mass, end.contacts, end.dt, end.coupling)
         end.kinetic = integrator.kinetic(end.mass)
     return True
 
@@ -121,10 +122,14 @@ class CompiledSteps(SetPositionSteps):
         self._array, self._end, self._run = array, end, run
         self.mass: CompiledMass | None = None
         self.contacts: Surroundings | None = None
+        self._moved = False
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
-        if self.mass is None or mass is not self.mass or contacts is not self.contacts or not self._moves(dt):
+        is_own = self.mass is not None and mass is self.mass and contacts is self.contacts
+        self._moved = is_own and self._moves(dt)
+        if not self._moved:
             return super().advance(mass, dt, contacts)
+        assert self.mass is not None
         done = self.mass.ended()
         if self.reporter is not None:
             self.reporter.moved(done, contacts)
@@ -135,6 +140,8 @@ class CompiledSteps(SetPositionSteps):
         return bool(self._run(self._array))
 
     def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
+        if not self._moved:  # the end's memory has no such surroundings, so it could carry the proxy through them
+            return super().counted(dt, x, kinetic, work, dissipated)
         end, reporter = self._end, self.reporter
         if reporter is not None:
             reporter.look(dt, x)

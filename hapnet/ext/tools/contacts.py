@@ -10,12 +10,12 @@ dissipate refills E_c.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import hypot, sqrt
 
 import numpy as np
 
-from hapnet.checks import MOST_PLANES, Vector
+from hapnet.checks import MOST_TOOL_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.friction import coefficient, tangential
 from hapnet.ext.solids.mesh_contact import secants_of
@@ -30,11 +30,14 @@ from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import AXES, arms, in_world
 from hapnet.records.record import zero
-from hapnet.records.vectors import added, dot
+from hapnet.records.vectors import added, dot, inner
 
 CORRECTIONS = 4
 """The greatest number of rounds that correct the secants; 1 is usual."""
 
+
+ALIKE = 0.9
+"""Planes whose normals have a greater cosine are of one direction."""
 
 Met = tuple[Vector, Secant, Vector]
 """A point of the tool, a solid near it, and the point's place at the step's start [m]."""
@@ -107,12 +110,14 @@ class ToolContacts(Surroundings):
         return depth
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
-        """The deepest planes, in the pose's coordinates, as they act on a rigid body."""
-        made = []
-        for distance, point, normal, secant in self.within(position, reach_m)[:MOST_PLANES]:
-            r = in_world(position, self.arm_m, point)
-            made.append(rigid_plane(position, self.arm_m, r, normal, distance, secant.stiffness, secant.damping))
-        return tuple(made)
+        """The deepest planes of different directions, in the pose's coordinates, as they act on a rigid body."""
+        return different(
+            rigid_plane(
+                position, self.arm_m, in_world(position, self.arm_m, point), normal, distance, secant.stiffness,
+                secant.damping,
+            )
+            for distance, point, normal, secant in self.within(position, reach_m)
+        )  # fmt: skip
 
     def within(self, position: Sequence[float], reach_m: float) -> list[tuple[float, Vector, Vector, Secant]]:
         """Return the parts of the tool within `reach_m` of a solid, the deepest first: the distance [m], the point in
@@ -254,6 +259,21 @@ def rigid_plane(
     unit = tuple((N / size).tolist())
     offset = dot(AXES, unit, x) + distance / size
     return Plane(unit, offset, stiffness * size * size, damping * size * size, speed / size)
+
+
+def different(planes: Iterable[Plane]) -> tuple[Plane, ...]:
+    """The first `MOST_TOOL_PLANES` planes of different directions, in their order; planes like these fill the rest.
+
+    A peg in a hole touches with a dozen neighbouring points. If all planes were of one side, the device could leave by
+    the others.
+    """
+    chosen, alike = list[Plane](), list[Plane]()
+    for plane in planes:
+        is_alike = any(inner(plane.normal, other.normal) > ALIKE for other in chosen)
+        (alike if is_alike else chosen).append(plane)
+        if len(chosen) == MOST_TOOL_PLANES:
+            break
+    return (*chosen, *alike[: MOST_TOOL_PLANES - len(chosen)])
 
 
 def _minus(one: Vector, other: Vector) -> Vector:

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.checks import MOST_PLANES, Array, Vector
+from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine_world import EngineWorld
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
 from hapnet.ext.engines.mujoco_model import MOST_LIFTS, MujocoModel, add_free_body, asked, load, raised
 from hapnet.ext.engines.mujoco_planes import NearGeom, SpherePlanes
-from hapnet.ext.tools.contacts import rigid_plane
+from hapnet.ext.tools.contacts import different, rigid_plane
 from hapnet.ext.tools.tool import Tool
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES, DOF, coordinates, wrench
@@ -121,7 +121,7 @@ class ToolPlanes(SpherePlanes):
         super().__init__(found, AXES, everything=everything)
 
     def around(self, position: Vector, reach_m: float) -> tuple[Plane, ...] | None:
-        """At most four planes, the deepest first. None: the tool touches a body that no plane describes."""
+        """The deepest planes of different directions. None: the tool touches a body that no plane describes."""
         data, planes = self._found.data, list[tuple[float, Plane]]()
         centre = data.xpos[self._found.body]
         for i in range(data.ncon):
@@ -144,7 +144,7 @@ class ToolPlanes(SpherePlanes):
             made = rigid_plane(position, ARM_M, r.tolist(), tuple(normal.tolist()), distance, *soft, speed)
             planes.append((distance, made))
         planes.sort(key=lambda one: one[0])
-        return tuple([plane for _, plane in planes[:MOST_PLANES]])
+        return different(plane for _, plane in planes)
 
 
 def _add_tool(tool: Tool, mass: float, engine: Any, spec: Any) -> None:
