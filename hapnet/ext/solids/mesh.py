@@ -64,9 +64,10 @@ class Mesh:
         require("mesh", "a scene with a mesh")
         import igl
 
-        self.vertices: Array = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.triangles: Triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-        self._surface = surface = MeshSurface.of(self.vertices, self.triangles, sharp_deg)
+        vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+        triangles = np.ascontiguousarray(triangles, dtype=np.int64)
+        self._surface = surface = MeshSurface.of(vertices, triangles, sharp_deg)
+        self.vertices, self.triangles = surface.vertices, surface.triangles
         self._scaled = _SCALE * self.vertices
         self._tree = igl.AABB()
         self._tree.init(self._scaled, self.triangles)
@@ -80,6 +81,11 @@ class Mesh:
         self._parts = tuple([part.tolist() for part in parts]) if plain else parts
         self._bends: Any = surface.bends.tolist() if plain else surface.bends
         self._point, self._direction = np.zeros((1, 3)), np.zeros((1, 3))
+
+    @property
+    def curved(self) -> tuple[float, float]:
+        """The share of the area that is felt as curved, and how far it is felt from the triangles, at most [m]."""
+        return self._surface.curved()
 
     def near(self, position: Vector) -> Near:
         """Distance and gradient at `position` (3,) [m]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
+from hapnet.ext.solids.mesh_smoothness import Smoothness, smoothness, steeper
 
 Triangles = NDArray[np.int64]
 
@@ -18,8 +20,16 @@ SHARP_DEG = 40.0
 The sides of an octagon meet at 45 degrees."""
 
 _SMALL = 0.3
-"""A triangle smaller than this share of the largest triangle around a corner does not count there: a flat face stays
+"""A planar face smaller than this share of the largest triangle around a corner does not count there: a flat face stays
 flat beside a narrow fillet or chamfer."""
+
+_TIP, _LEAST_TIP = 2.0, 0.02
+"""If a vertex's mean normal is farther from each triangle's [rad] than this many times the largest angle at which the
+triangle meets a neighbour on the curved surface, and than the second value, the surface has a tip there."""
+
+_RING, _CLOSER, _TURN_ERROR = 0.02, (0.25, 0.85), 0.01
+"""Rings of vertices around a tip: the share of the edges' lengths at which the last one is, the least and the greatest
+ratio of two rings' distances, and the largest error of the normal between them [rad]."""
 
 _KEY = 1 << 31
 _FLAT = 1e-6
@@ -44,23 +54,24 @@ class MeshSurface:
     bends: Array  #: (F, 3, 3): how the normal turns along a direction [1/m]
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Triangles, sharp_deg: float) -> MeshSurface:
-        """Raises InvalidParameter: the mesh is empty or not closed."""
+    def of(cls, vertices: Array, triangles: Triangles, sharp_deg: float, splits_tips: bool = True) -> MeshSurface:
+        """The surface of a mesh. It has more triangles than the mesh if that has tips; see `_split`.
+
+        Raises InvalidParameter: the mesh is empty or not closed.
+        """
         require_closed(triangles)
         corners = vertices[triangles]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         sizes = np.linalg.norm(doubled, axis=1)
         facets = doubled / np.where(sizes, sizes, 1.0)[:, None]
         across = _across(triangles)
-        rims = _rims(corners, facets, across, sharp_deg)
+        rims, joins = _rims(corners, facets, sizes, across, triangles, sharp_deg)
         angles = _angles(corners)
         weighted = (angles[:, :, None] * facets[:, None]).reshape(-1, 3)
         fans, fan_of = fans_of(triangles, across, rims)
-        largest = np.zeros(fans)
-        np.maximum.at(largest, fan_of, sizes.repeat(3))
-        counts = sizes[:, None] > _SMALL * largest[fan_of].reshape(-1, 3)
-        turned = (np.where(counts, angles, 0.0)[:, :, None] * facets[:, None]).reshape(-1, 3)
-        normals = _unit(_total(turned, fan_of, fans))[fan_of].reshape(-1, 3, 3)
+        normals, tips = _normals(angles, facets, sizes, joins, fans, fan_of)
+        if splits_tips and tips.any():
+            return cls.of(*_split(vertices, triangles, np.unique(triangles[tips]), joins.turns), sharp_deg, False)
         pointed = np.zeros(len(vertices), dtype=np.int64)
         for k in range(3):
             at = rims[:, k] != 0
@@ -79,6 +90,15 @@ class MeshSurface:
             _total(weighted, triangles.reshape(-1), len(vertices)), rims, pointed, flat.astype(np.int64),
             np.concatenate([[0], np.cumsum(count)]), around // 3, bends.reshape(-1, 3, 3),
         )  # fmt: skip
+
+    def curved(self) -> tuple[float, float]:
+        """The share of the area that is felt as curved, and how far its middles are from the triangles, at most [m]."""
+        corners, bent = self.vertices[self.triangles], self.flat == 0
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        off = corners.mean(axis=1)[:, None] - corners
+        lifts = np.einsum("fkj,fkj->fk", self.normals, off)[:, :, None] * self.normals
+        far = np.linalg.norm(lifts.sum(axis=1) / 6.0, axis=1)[bent]
+        return float(areas[bent].sum() / areas.sum()), float(far.max(initial=0.0))
 
 
 def require_closed(triangles: Triangles) -> None:
@@ -117,17 +137,68 @@ def _across(triangles: Triangles) -> Triangles:
     return np.ascontiguousarray(np.roll(by_edge, -1, axis=1))
 
 
-def _rims(corners: Array, facets: Array, across: Triangles, sharp_deg: float) -> Triangles:
-    beside = facets[across]
-    has_area = np.array(facets.any(axis=1))
-    sharp = np.einsum("fj,fkj->fk", facets, beside) < np.cos(np.radians(sharp_deg))
-    sharp |= ~has_area[:, None] | ~has_area[across]
+def _rims(
+    corners: Array, facets: Array, sizes: Array, across: Triangles, triangles: Triangles, sharp_deg: float
+) -> tuple[Triangles, Smoothness]:
+    """`MeshSurface.rims`, and how the triangles join; sizes : (F,), twice the areas [m^2]."""
+    steep = steeper(facets, across, np.radians(sharp_deg))
+    joins = smoothness(corners, facets, sizes, across, fans_of(triangles, across, steep.astype(np.int64))[1], steep)
+    sharp = joins.sharp
     rising = np.empty(across.shape)
     for k in range(3):  # whether the middle of the neighbour is in front of the triangle
         away = corners[across[:, k]].mean(axis=1) - corners[:, k - 1]
         rising[:, k] = np.einsum("ij,ij->i", away, facets)
     found: Triangles = np.where(sharp, np.where(rising < 0.0, 1, np.where(rising > 0.0, -1, 2)), 0)
-    return found
+    return found, joins
+
+
+def _normals(
+    angles: Array, facets: Array, sizes: Array, joins: Smoothness, fans: int, fan_of: Triangles
+) -> tuple[Array, NDArray[np.bool_]]:
+    """(F, 3, 3): the normals at the corners: the mean of a fan, weighted by the angles; (F, 3): which are tips.
+
+    In a fan with level triangles only these count, otherwise only the large ones. At the tip of a cone, where the mean
+    is far from all triangles' normals, each keeps its own.
+    """
+    largest, levels = np.zeros(fans), np.zeros(fans)
+    np.maximum.at(largest, fan_of, sizes.repeat(3))
+    np.maximum.at(levels, fan_of, joins.level.repeat(3))
+    counts = (joins.doubled[:, None] > _SMALL * largest[fan_of].reshape(-1, 3)) & (levels[fan_of].reshape(-1, 3) == 0.0)
+    counts |= joins.level[:, None]
+    turned = (np.where(counts, angles, 0.0)[:, :, None] * facets[:, None]).reshape(-1, 3)
+    found: Array = _unit(_total(turned, fan_of, fans))[fan_of].reshape(-1, 3, 3)
+    off = np.linalg.norm(found - facets[:, None], axis=2) > np.maximum(_TIP * joins.turns, _LEAST_TIP)[:, None]
+    near = np.bincount(fan_of, ~off.reshape(-1), fans) > 0.0
+    tip = ~near[fan_of].reshape(-1, 3)
+    found[tip] = np.broadcast_to(facets[:, None], found.shape)[tip]
+    return found, tip
+
+
+def _split(vertices: Array, triangles: Triangles, tips: Triangles, turns: Array) -> tuple[Array, Triangles]:
+    """The same mesh with rings of further vertices around the vertices `tips`. turns : (F,), as `Smoothness.turns`.
+
+    Towards a tip each edge that leads there keeps the normal of its other end, as on a cone. A normal is linear in a
+    triangle, so the rings are so close that it differs by `_TURN_ERROR` at most from a cone's.
+    """
+    for tip in tips.tolist():
+        at, k = np.nonzero(triangles == tip)
+        around = triangles[at[:, None], (k[:, None] + np.arange(3)) % 3]
+        ends, number = np.unique(around[:, 1:], return_inverse=True)
+        number = number.reshape(-1, 2)
+        closer = min(max(1.0 - 4.0 * _TURN_ERROR / float(turns[at].max()), _CLOSER[0]), _CLOSER[1])
+        shares = [closer]
+        while shares[-1] * closer > _RING:
+            shares.append(shares[-1] * closer)
+        rings = [vertices[tip] + share * (vertices[ends] - vertices[tip]) for share in shares]
+        numbers = [ends[number], *[len(vertices) + i * len(ends) + number for i in range(len(rings))]]
+        vertices = np.concatenate([vertices, *rings])
+        made = [np.column_stack([around[:, 0], numbers[-1]])]
+        for far, near in pairwise(numbers):
+            made.append(np.column_stack([near[:, 0], far]))
+            made.append(np.column_stack([near[:, 0], far[:, 1], near[:, 1]]))
+        triangles = np.concatenate([np.delete(triangles, at, axis=0), *made])
+        turns = np.concatenate([np.delete(turns, at), *[turns[at]] * len(made)])
+    return vertices, triangles
 
 
 def _angles(corners: Array) -> Array:

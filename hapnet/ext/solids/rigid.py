@@ -271,7 +271,14 @@ def _mesh(properties: Properties, file: str) -> Mesh:
     vertices, triangles, done = joined(*read_mesh(file, _unit(properties, file)))
     if done:
         properties.notes.append(f"mesh {file}: {done}")
-    return _placed(properties, vertices, triangles)
+    mesh = _placed(properties, vertices, triangles)
+    share, far = mesh.curved
+    if share > 0.0:
+        properties.notes.append(
+            f"mesh {file}: {share:.0%} of its surface is felt as curved, at most {1e3 * far:.2g} mm from its "
+            f"triangles; sharp=0 renders the triangles as they are"
+        )
+    return mesh
 
 
 def _heights(properties: Properties, file: str) -> Mesh:
