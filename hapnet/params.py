@@ -115,7 +115,7 @@ class Params(Section):
         "mujoco:FILE.xml, module:name",
     )
     operator: str = _p(
-        "press", "rest, sine, press, hand-N (generated), a recording's path, module:Class; mouse: hapnet play"
+        "press", "rest, sine, press, hand-N, strokes-N, writing-N, a recording, module:Class; mouse: hapnet play"
     )
     hardware: str = _p(
         "simulated", "simulated, omni, arm:FILE.urdf?tip=LINK, a name (`hapnet devices`) or module:Class"

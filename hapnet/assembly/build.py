@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from hapnet.assembly import springs
 from hapnet.assembly.choices import choosing, refuse
 from hapnet.assembly.follower import Follower, follower_of
 from hapnet.assembly.leading import clutch_of, let_lead
@@ -108,7 +109,7 @@ class Setup:
             known = (self.params.world.wall.stiffness,)
         stiffest = max(known or (), default=None)
         params = choosing(self.params, *self.follower.seen)
-        return felt(self.coupling.springs(params, self.tuning), stiffest)
+        return felt(self.coupling.springs(params, self.tuning), stiffest, springs.limit(self.params))
 
 
 def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled") -> Setup:

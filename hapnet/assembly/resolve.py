@@ -154,7 +154,7 @@ def misfits(used: Resolved) -> Iterator[Refusal]:
 def held_warnings(used: Resolved) -> list[str]:
     """Warnings about a held torque; the declarations of a user's own device count only when that device is made."""
     params = used.params
-    if used.servo != "sampled" or not used.coupling.limited:
+    if used.servo != "sampled" or not used.coupling.halves:
         return []
     device = dataclasses.replace(params.device, own_damping=known_damping(params))
     found = held_torque.check(device, used.harvest, used.scene.dof)

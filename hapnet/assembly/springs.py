@@ -10,9 +10,9 @@ import numpy as np
 
 from hapnet.assembly.choices import Choice, choosing
 from hapnet.assembly.device_class import declared, load_class
-from hapnet.couplings import held_torque
+from hapnet.couplings import held_torque, rendering
 from hapnet.couplings.registry import coupling
-from hapnet.couplings.stiffness import PAPERS, default_stiffness
+from hapnet.couplings.stiffness import PAPERS, colgate_bound, default_stiffness, local_limit
 from hapnet.errors import InvalidParameter
 from hapnet.param_sources import RULE
 from hapnet.params import DeviceParams, Params, is_simulated, known_damping
@@ -44,21 +44,24 @@ def _by_rule(params: Params) -> dict[str, object]:
     """The rule's spring. If it is stiffer than the paper's, the ceiling must cover its held torque; a ceiling that the
     user did not set grows for it.
     """
-    held = _as_declared(params)
-    K = default_stiffness(
-        known_damping(params),
-        float(np.max(held.damping)),
-        held.servo_hz,
-        _declared_range(params),
-        resolution_m=held.resolution_m,
-        exact=is_simulated(params.hardware),
-    )
+    held, range_ = _as_declared(params), _declared_range(params)
+    most = rendering.largest(params.world.stiffness) + params.world.wall.stiffness
+    if held.harvest == "range":  # passive for any motion only below this (held_torque.py)
+        most = min(most, colgate_bound(known_damping(params), 2.0 * float(np.max(held.damping)), held.servo_hz))
+    K = default_stiffness(limit(params), most, range_, resolution_m=held.resolution_m)
     ceiling_J = held.ceiling_J
     if "device.ceiling_J" not in params.given and K > PAPERS:
         needed_J = held_torque.ceiling_for(dataclasses.replace(held, stiffness=K))
-        ceiling_J = min(max(ceiling_J, math.ceil(1e3 * needed_J) / 1e3), MOST_CEILING_J)
+        needed_J = math.ceil(1e3 * min(needed_J, MOST_CEILING_J)) / 1e3
+        ceiling_J = min(max(ceiling_J, needed_J), MOST_CEILING_J)
     chosen: dict[str, object] = {"device.stiffness": _covered(dataclasses.replace(held, ceiling_J=ceiling_J), K)}
     return chosen if ceiling_J == held.ceiling_J else {**chosen, "device.ceiling_J": ceiling_J}
+
+
+def limit(params: Params) -> float:
+    """The stiffest wall that the device renders without a network [N/m], as far as it is known; 0: unknown."""
+    exact = is_simulated(params.hardware)
+    return local_limit(known_damping(params), params.device.servo_hz, _declared_range(params), exact=exact)
 
 
 def without_rule(params: Params) -> Params:

@@ -29,7 +29,7 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         device.check_damping("device.damping", params.device.damping)
         device.check_set(params)
         own = device.declares(params.device)
-        if setup.coupling.limited and setup.harvest == "measured":
+        if setup.coupling.halves and setup.harvest == "measured":
             for warning in held_torque.check(own, setup.harvest, setup.dof):
                 write(Event(clock(), "warning", warning, "warning"))
         hold = held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))

@@ -52,6 +52,7 @@ class AddedDamping(Record):
 
     minimum: float
     most: float
+    stiffness: MatrixOfAxes
     compliance: MatrixOfAxes
     velocity: FilteredVelocity
 
@@ -61,8 +62,8 @@ class AddedDamping(Record):
         self.minimum, self.most = minimum, most
         self.compliance = [list(row) for row in compliance]
         self.velocity = FilteredVelocity(VELOCITY_S, len(stiffness))
-        self._stiffness = [tuple(row) for row in stiffness]
-        self._slow_force: Vector = (0.0,) * len(self._stiffness)
+        self.stiffness = [list(row) for row in stiffness]
+        self._slow_force: Vector = (0.0,) * len(self.stiffness)
         self._envelope = 0.0
 
     def step(self, dt: float, x: Vector, y: Vector, age: float, freedom: float, *, swings: bool) -> Vector:
@@ -79,7 +80,7 @@ class AddedDamping(Record):
         return tuple(damped)
 
     def _swinging(self, dt: float, offset: Vector) -> float:
-        force = tuple([inner(row, offset) for row in self._stiffness])
+        force = tuple([inner(row, offset) for row in self.stiffness])
         self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
         self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
         return min(1.0, max(0.0, (self._envelope - MIN_N) / (SWING_N - MIN_N)))

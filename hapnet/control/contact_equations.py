@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping, damp, wanted
-from hapnet.control.contact_plane import ContactPlane, among, copy_flat, depth, now, withdrawn
+from hapnet.control.contact_plane import ContactPlane, among, copy_flat, depth, most_known, now, withdrawn
 from hapnet.control.friction_cone import RubbingProxy
+from hapnet.control.plane_changes import follow_change
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
@@ -31,8 +32,8 @@ SETTLED_N = 1e-4
 PARALLEL = 1.0 - 1e-9
 """If the cosine between the normals of two planes is larger, they act as parallel springs."""
 
-YIELDING_S = 0.3
-"""Time constant with which the lead follows the level of the world's reservoir [s], slow enough not to be noticed."""
+YIELDING_S = 3.0
+"""Time constant with which the lead follows the level of the world's reservoir in free motion [s]."""
 
 
 class Answer(Record):
@@ -64,6 +65,7 @@ class ContactState(Record):
         that the last answer implies, if it `has_goal`. age : of that answer [s].
     kept, kept_goal : the share of the lead in use, and the value that it approaches.
     freedom : 1 in free motion, 0 in contact. fading : the remaining compensation of a change of planes [m].
+    lent_J : the energy that changes of a tool's planes have taken out of the spring, see plane_changes.py [J].
     earlier, earlier_s : the proxy's position in the answer before [m], and its time of sending [s]; `has_earlier`.
     start : y at the first step after a reset [m] (`starts`).
     bends : whether any plane has curvatures. seen : the tangent planes. rubbing : the proxy, if any plane has friction.
@@ -99,6 +101,7 @@ class ContactState(Record):
     kept_goal: float
     freedom: float
     fading: OfAxes
+    lent_J: float
     has_earlier: int
     earlier: OfAxes
     earlier_s: float
@@ -168,7 +171,7 @@ def _take(model: ContactState, n: int, x: Reals) -> None:
         for j in range(model.count):
             one = model.planes[j]
             is_withdrawn = withdrawn(one, answer.planes, answer.count, n, answer.position, answer.reach_m)
-            if count < PLANES and not is_withdrawn:
+            if count < most_known(n) and not is_withdrawn:
                 keep(answer, one, n, count)
                 count += 1
     use_planes(model, n, count)
@@ -235,7 +238,7 @@ def use_planes(model: ContactState, n: int, count: int) -> None:
 def _take_lead(model: ContactState, n: int, dt: float, x: Reals) -> None:
     """Compute the lead of y in free motion, into `model.leading`."""
     filter_velocity(model.velocity, n, dt, x)
-    model.kept = model.kept + dt / (YIELDING_S + dt) * (model.kept_goal - model.kept)
+    model.kept += (0.0 if model.touches else dt / (YIELDING_S + dt)) * (model.kept_goal - model.kept)
     times(n, model.lead, model.velocity.velocity, model.leading)
     for i in range(n):
         model.leading[i] = model.kept * model.leading[i]
@@ -248,7 +251,7 @@ def finish(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
     _settle(model, n, dt)
     for i in range(n):
         y[i] = model.s[i] + model.freedom * model.leading[i]
-    fade(model, n, dt, y)
+    follow_change(model, n, dt, x, y)
     copy(n, x, model.made_x)
     copy(n, model.s, model.made_s)
     copy(n, model.fading, model.made_fading)
@@ -270,9 +273,7 @@ def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -
 
 
 @equation
-def compare_with(
-    model: ContactState, first: int, count: int, earlier: Sequence[ContactPlane], n: int
-) -> None:  # fmt: skip
+def compare_with(model: ContactState, first: int, count: int, earlier: Sequence[ContactPlane], n: int) -> None:
     """Find the shift with which the contact planes agree with the proxy's own position and force, if these suffice.
 
     The force is that of the completed step, so a plane that is new since then cannot be compared yet. The proxy's
@@ -281,7 +282,9 @@ def compare_with(
     position, force = model.answer.position, model.answer.force
     for i in range(n):
         model.before[i] = 0.0
-    known = False
+    known, deepest = False, -1.0  # farther planes are not sent
+    for k in range(first, first + count):
+        deepest = max(deepest, depth(model.answer.planes[k], n, position))
     for k in range(first, first + count):
         one = model.answer.planes[k]
         if parallel(model.answer.planes, first, k, n, one) >= 0:
@@ -291,15 +294,19 @@ def compare_with(
             copy(n, model.shifted, model.goal)
             model.has_goal = 1
             return
-        deep = depth(one, n, position)
-        push = -dot(n, one.normal, force)
+        deep, push = depth(one, n, position), -dot(n, one.normal, force)
+        if deep <= 0.0 and deep < deepest:
+            continue  # the force is that of other planes
         if push > 0.0:
             stiffness = one.stiffness
             for j in range(model.answer.count):
                 other = model.answer.planes[j]
-                if j != k and depth(other, n, position) > 0.0 and dot(n, other.normal, one.normal) > PARALLEL:
+                along, behind = dot(n, other.normal, one.normal), max(0.0, depth(other, n, position))
+                if j != k and behind > 0.0 and along > PARALLEL:
                     stiffness += other.stiffness
-                    push -= other.stiffness * (depth(other, n, position) - deep)
+                    push -= other.stiffness * (behind - deep)
+                elif j != k:
+                    push -= other.stiffness * behind * along
             error = deep - push / stiffness  # the true planes are deeper by this
         elif deep > 0.0 and length(n, force) == 0.0:
             error = deep
@@ -400,17 +407,3 @@ def share(model: ContactState, spring: Spring, x: Reals, ybar: Reals, of_planes:
     times(n, spring.rows, damped, added)
     for i in range(n):
         of_planes[i], added[i] = scale * of_planes[i], scale * added[i]
-
-
-@equation
-def fade(model: ContactState, n: int, dt: float, y: Floats) -> None:
-    """Add the remaining compensation of a change of planes to y."""
-    if length(n, model.fading) == 0.0:
-        return
-    share = model.fade_s / (model.fade_s + dt)
-    for i in range(n):
-        model.fading[i] = share * model.fading[i]
-        y[i] = y[i] + model.fading[i]
-    if not length(n, model.fading) > 1e-9:
-        for i in range(n):
-            model.fading[i] = 0.0

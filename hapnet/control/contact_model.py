@@ -17,7 +17,8 @@ model for stability, so there it must be correct.
 
 Five rules keep the model accurate:
 
-* A new set of planes takes effect over some milliseconds: the jump of y is compensated, and the compensation fades.
+* A new set of planes takes effect over some milliseconds: the jump of y is compensated, and the compensation fades. A
+  tool's planes change at each answer; their changes put no energy into the spring (`plane_changes.py`).
 * The proxy's own position and force show where its plane really was: w = n . x_p - f/K. In contact, the filtered
   difference to the plane that was sent shifts all planes (`shift`). Free of contact, the proxy must be in front.
 * The world's proxy rests at a place along the surface. If the model's proxy sticks far away from there, it moves there.
@@ -36,11 +37,12 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_effects import act, grain_force, lift, pull
-from hapnet.control.contact_equations import Answer, ContactState, fade, step
+from hapnet.control.contact_equations import Answer, ContactState, step
 from hapnet.control.contact_plane import ContactPlane, no_planes
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
 from hapnet.control.coupling import CouplingSample, ProxySample, vector_of
 from hapnet.control.friction_cone import RubbingProxy, take_planes
+from hapnet.control.plane_changes import LENT_J, fade
 from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.mechanics.spring import Spring
@@ -113,6 +115,7 @@ class ContactModel(ContactState):
         self.answer.pending, self.answer.before = 0, [0.0] * n
         self.age = self.earlier_s = 0.0
         self.velocity.reset()
+        self.lent_J = LENT_J
         self.freedom = self.kept = self.kept_goal = 1.0
         self._self_motion.reset(position)
 

@@ -8,8 +8,9 @@ from hapnet.checks import Vector
 from hapnet.mechanics.curvature import FLAT, Bends, copy_bends, see_tangent
 from hapnet.mechanics.effects import Effects
 from hapnet.mechanics.plane import Plane
-from hapnet.records.record import PLANES, FloatRows, OfAxes, Reals, Record, equation
+from hapnet.records.record import PLANES, POINT_PLANES, FloatRows, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import copy, dot, times
+from hapnet.units import POSE_AXES
 
 SAME_M, SAME_COSINE, SAME_STIFFNESS = 1e-3, 0.95, 1.2
 """Two planes, sent one after the other, are the same surface if their differences are below these limits."""
@@ -132,6 +133,12 @@ def now(one: ContactPlane, age: float) -> float:
     if one.velocity == 0.0:
         return one.offset
     return one.offset + one.velocity * min(max(age, 0.0), MAX_EXTRAPOLATION_S)
+
+
+@equation
+def most_known(n: int) -> int:
+    """The most planes that the model knows, for a device with n axes."""
+    return PLANES if n == POSE_AXES else POINT_PLANES
 
 
 @equation

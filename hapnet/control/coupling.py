@@ -14,12 +14,13 @@ The law gives g and p for each step. So its reaction to the mass may be implicit
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+import math
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
-from hapnet.control.law import HeldForce, LawAccount, begin_tick, sends, tick
+from hapnet.control.law import HeldForce, begin_tick, sends, tick
+from hapnet.control.law_state import Law as Law, LawState as LawState, Stamped as Stamped
 from hapnet.control.ledger import Ledger
 from hapnet.control.samples import (
     CouplingSample as CouplingSample,
@@ -33,6 +34,7 @@ from hapnet.control.samples import (
 )
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.record import Reals, equation
+from hapnet.records.vectors import inner
 
 Made = TypeVar("Made")
 
@@ -206,20 +208,6 @@ def potential(coupling: CouplingState, x: Reals) -> float:
     return coupling.potential(tuple(x))
 
 
-class Law(Protocol):
-    """The common part of both ends of a law. An end starts at rest at its initial position."""
-
-    @property
-    def set_position(self) -> Vector:
-        """The point to which the spring is tied [m]: see `CouplingState.set_position`."""
-
-    def receive(self, sample: CouplingSample) -> None:
-        """Take in a sample that arrived: see `CouplingState.receive`."""
-
-    def on_peer_changed(self) -> None:
-        """Start again with a new peer; its counts start at zero."""
-
-
 class DeviceLaw(Law, Protocol):
     """The device's end of a law."""
 
@@ -253,52 +241,6 @@ class WorldLaw(Law, Protocol):
         """The sample to send to the device, after each step."""
 
 
-L = TypeVar("L", bound=Law)
-Stamped = Callable[[CouplingSample, float, float], None]
-
-
-class LawState(LawAccount, Generic[L]):
-    """The `CouplingState` of a law.
-
-    law : this end of the law. initial_energy : this side's share of d^2 [J].
-    stamped : receives each sample before the law, with its time and its age, as `CouplingState.receive`.
-    """
-
-    def __init__(self, law: L, initial_energy: float, stamped: Stamped | None = None) -> None:
-        super().__init__()
-        self.law = law
-        self._stamped = stamped
-        self.ledger = Ledger(0.0, initial_energy)
-        self.account = self.reservoir = self.energy_min = initial_energy
-        self.deficit = self.deficit_max = self.discarded = 0.0
-        self.modulated_share: float | None = None
-
-    @property
-    def set_position(self) -> Vector:
-        return self.law.set_position
-
-    @property
-    def target(self) -> Vector:
-        return self.law.set_position
-
-    def potential(self, x: Vector) -> float:
-        """Zero [J]: a law counts the energy of its own springs."""
-        return 0.0
-
-    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        if self._stamped is not None:
-            self._stamped(sample, sent_s, age_s)
-        self.law.receive(sample)
-
-    def credit(self, energy: float) -> None:
-        """Ignore it: such a law uses no shuffled energy, and its peer sends none."""
-
-    def on_peer_changed(self) -> float:
-        """Notify the law. Returns zero [J]: there is no reservoir to share."""
-        self.law.on_peer_changed()
-        return 0.0
-
-
 class LawSteps:
     """A `WorldCoupling` made of the world's end of a law.
 
@@ -313,12 +255,13 @@ class LawSteps:
         drag, push = self.law.impedance(dt)
         done = mass.push(dt, drag, push, contacts)
         self.law.moved(dt, done.velocity, done.position, mass.velocity)
+        self.coupling.fill(-dt * inner(done.coupling_force, done.velocity))
         return done
 
     def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """Begin a step. Returns the sample of the last step, to send to the device."""
+        """Begin a step. Returns the sample of the last step, to send to the device, and the energy to shuffle."""
         self.law.begin()
-        return Update(self.law.next_sample())
+        return Update(self.law.next_sample(), self.coupling.give(dt))
 
 
 class LawServo(HeldForce):
@@ -328,7 +271,8 @@ class LawServo(HeldForce):
     period : time between the samples sent [s].
     position : the first measured position [m].
     initial_energy : this side's share of d^2 [J].
-    force_limit : maximum force of the actuator [N]; the law receives the force really held.
+    force_limit : maximum force of the actuator [N]; the law receives the force really held. step_limit, stiffness,
+        speed, inertia : as `HeldForce.step`, `stiffness`, `speed` and `inertia`.
     stamped : as in `LawState`.
     """
 
@@ -346,6 +290,10 @@ class LawServo(HeldForce):
         position: Vector,
         initial_energy: float,
         force_limit: float,
+        step_limit: float = math.inf,
+        stiffness: float = 0.0,
+        speed: float = math.inf,
+        inertia: float = math.inf,
         stamped: Stamped | None = None,
     ) -> None:
         super().__init__()
@@ -353,7 +301,10 @@ class LawServo(HeldForce):
         self.coupling: LawState[DeviceLaw] = LawState(law, initial_energy, stamped)
         self.n = len(position)
         self.trusted_damping: tuple[float, ...] = (0.0,) * self.n
-        self.held, self.position = [0.0] * self.n, list(position)
+        self.position = list(position)
+        self.held, self.before, self.caused = ([0.0] * self.n for _ in range(3))
+        self.step, self.stiffness = step_limit, stiffness
+        self.speed, self.inertia = speed, inertia if speed < math.inf else math.inf
         self.due, self.limit = period - TICK_SLACK_S, force_limit
 
     @property
@@ -371,9 +322,13 @@ class LawServo(HeldForce):
         self.held[:] = force
 
     def figures(self) -> dict[str, Any]:
-        return {}
+        return {} if self.coupling.tank is None else dict(self.coupling.tank.figures)
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
+        shuffled = 0.0
+        if self.coupling.tank is not None:
+            self.coupling.fill(inner(self.held, [before - at for before, at in zip(self.position, x, strict=True)]))
+            shuffled = self.coupling.give(dt)
         if release:
             begin_tick(self, self.coupling, x)
             self.law.release(dt, x, tuple(self.held))
@@ -382,10 +337,11 @@ class LawServo(HeldForce):
         else:
             law: Any = self.law
             due = tick(self, self.coupling, law, dt, x, v)
-        return Update(self.law.next_sample(x, v)) if due else None
+        self.coupling.fill(0.0)
+        return Update(self.law.next_sample(x, v) if due else None, shuffled) if due or shuffled else None
 
     def skippable_ticks(self, dt: float) -> int:
-        return ticks_before(self.due, self.elapsed, dt)
+        return 0 if self.coupling.tank is not None else ticks_before(self.due, self.elapsed, dt)
 
     def stop(self) -> None:
         self.held[:] = [0.0] * self.n

@@ -15,8 +15,8 @@ from typing import Any
 from hapnet.checks import Vector
 from hapnet.control.coupling import PositionSample, Update
 from hapnet.control.reporter import SampleReporter
-from hapnet.control.set_position_coupling import SetPositionSteps
 from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.records.vectors import added, inner
 

@@ -14,6 +14,8 @@ from typing import Any, ClassVar
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers
 from hapnet.control.ledger import Ledger
+from hapnet.control.limits import limit_step
+from hapnet.control.reserve import limit_speed
 from hapnet.control.samples import CouplingSample, MotionSample, PortSample, WaveSample, vector_of
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy, dot
@@ -167,15 +169,24 @@ class HeldForce(Record):
     """The force of a law, held from tick to tick.
 
     held : the force [N]. position : at the last tick [m]. due : time between two sent samples [s]; elapsed : time since
-    the last of them [s]. limit : maximum force of the actuator [N].
+    the last of them [s]. limit : maximum force of the actuator [N]. step : maximum change of the force in a tick,
+    beyond the part that the own motion causes through the spring of `stiffness` [N], [N/m]. speed : maximum speed of
+    the device [m/s]; inertia : m/T of its smallest mass [Ns/m], infinite if the force may accelerate it further.
+    before, caused : the force before this tick, and that part of its change [N].
     """
 
     n: int
     held: OfAxes
+    before: OfAxes
+    caused: OfAxes
     position: OfAxes
+    step: float
+    stiffness: float
     due: float
     elapsed: float
     limit: float
+    speed: float
+    inertia: float
 
 
 @equation
@@ -184,7 +195,7 @@ def tick(servo: HeldForce, account: LawAccount, law: DeviceEnd, dt: float, x: Re
     begin_tick(servo, account, x)
     if dt > 0.0:  # a law may divide by dt
         _render(servo, law, dt, x, v)
-        cut(servo)
+        cut(servo, v)
     return sends(servo, dt)
 
 
@@ -210,14 +221,20 @@ def begin_tick(servo: HeldForce, law: LawAccount, x: Reals) -> None:
     work = 0.0
     for i in range(servo.n):
         work += servo.held[i] * (x[i] - servo.position[i])
+        servo.caused[i] = -servo.stiffness * (x[i] - servo.position[i])
     ledgers.put_in(law.ledger, -work)
+    copy(servo.n, servo.held, servo.before)
     copy(servo.n, x, servo.position)
     ledgers.observe(law.ledger, 0.0, law.account)
 
 
 @equation
-def cut(servo: HeldForce) -> None:
-    """Keep the force within its limit."""
+def cut(servo: HeldForce, v: Reals) -> None:
+    """Keep the force, its step and what it accelerates within their limits; v : velocity [m/s]."""
+    if servo.inertia < math.inf:
+        limit_speed(servo.n, servo.held, v, servo.speed, servo.inertia, servo.step)
+    if servo.step < math.inf:
+        limit_step(servo.n, servo.before, servo.caused, servo.held, servo.step)
     square = dot(servo.n, servo.held, servo.held)
     if square > servo.limit * servo.limit:
         share = servo.limit / math.sqrt(square)

@@ -5,27 +5,41 @@ Both only choose another y(k), so they cannot break passivity.
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from hapnet.records.record import Floats, Reals, Record, equation
-from hapnet.records.vectors import distance
 
 OnSilence = Literal["hold", "release"]
 
 
 @equation
-def limit_step(n: int, start: Reals, goal: Floats, maximum: float) -> None:
-    """Replace `goal` by the point towards it that is at most `maximum` [m] away from `start`.
+def limit_step(n: int, start: Reals, moved: Reals, goal: Floats, maximum: float) -> bool:
+    """Replace `goal` by the nearest point that is at most `maximum` away from the line from start to start + moved.
 
-    With ``maximum = dF_max / lambda_max(K)`` around ybar(k-1), the spring's force steps by at most dF_max: PSPM's
-    projection is non-expansive, so a limit on the step of y also holds for ybar.
+    For set-positions, start is ybar(k-1), and `moved` the own motion since then [m]. At one end of the line ybar stays,
+    and the force changes by what the own motion causes; at the other end ybar moves along, and the force stays. So with
+    ``maximum = dF_max / lambda_max(K)`` the rest of the force's change is at most dF_max, at any speed of the hand.
+    PSPM's projection is non-expansive, so a limit on the step of y also holds for ybar: beyond the line with one axis;
+    with several, a modulated ybar may be beside the line, and is at most ``maximum + |moved|`` from start.
+    For forces [N], start is the force before, and `moved` its change by the own motion. Returns whether goal changed.
     """
-    far = distance(n, goal, start)
-    if far <= maximum:
-        return
-    share = maximum / far
+    along = square = 0.0
     for i in range(n):
-        goal[i] = start[i] + share * (goal[i] - start[i])
+        along += (goal[i] - start[i]) * moved[i]
+        square += moved[i] * moved[i]
+    share = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
+    far = 0.0
+    for i in range(n):
+        off = goal[i] - (start[i] + share * moved[i])
+        far += off * off
+    if far <= maximum * maximum:
+        return False
+    kept = maximum / math.sqrt(far)
+    for i in range(n):
+        nearest = start[i] + share * moved[i]
+        goal[i] = nearest + kept * (goal[i] - nearest)
+    return True
 
 
 class Silence(Record):

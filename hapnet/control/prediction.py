@@ -14,27 +14,21 @@ motion behind the plane dies away (`depth_ahead`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.control.coupling import CouplingSample, vector_of
-from hapnet.mechanics.plane import Plane
 from hapnet.params import ContactModelParams
 from hapnet.records.record import (
     AXES,
-    PLANES,
     FloatRows,
     Floats,
     OfAxes,
-    OfPlanes,
     Reals,
     Record,
-    VectorsOfPlanes,
     equation,
 )
-from hapnet.records.vectors import copy, dot
+from hapnet.records.vectors import copy
 
 _DEFAULTS = ContactModelParams()
 
@@ -67,8 +61,22 @@ def depth_ahead(depth: float, free: float, speed: float, ahead: float, stop_s: f
     return speed * (ahead - depth / (-speed - depth / stop_s))
 
 
+TRUST_M = 0.005
+"""The distance that counts at the start as predicted rightly [m]: so the first predictions are used in full."""
+
+TRUST_KEPT = 0.95
+"""The share of the earlier predictions' weight that stays when a prediction is compared."""
+
+
 class MotionPredictor(Record):
-    """Fits a parabola to the positions received last, and extrapolates it.
+    """Fits a parabola to the positions received last, and extrapolates it as far as that has proved right.
+
+    A hand that writes turns round within the time to predict, and the parabola then leads away from it. So one
+    prediction after another is compared with the position that came: of the predicted travel d, the share
+
+        trust = sum d . r / sum d . d,      0 <= trust <= 1
+
+    is used, where r is the real travel: the share with the least squared error in the last `TRUST_KEPT`-weighted sums.
 
     Parameters
     ----------
@@ -81,6 +89,8 @@ class MotionPredictor(Record):
     times, places : from `start` on, `count` positions [m] with their stamps [s], the newest last.
     position, velocity, half : the fit at the newest stamp: position, velocity, half of the acceleration, if it is
         `fitted`. first, second : temporary memory for the polynomials of the fit.
+    trust : see above; right, whole : its sums [m^2]. due_s : the stamp for which the prediction under comparison holds
+        [s], if one `is_compared`; begun, travel : its start [m] and its predicted travel [m].
     """
 
     window: float
@@ -96,6 +106,13 @@ class MotionPredictor(Record):
     half: OfAxes
     first: Annotated[Floats, (MOST,)]
     second: Annotated[Floats, (MOST,)]
+    trust: float
+    right: float
+    whole: float
+    is_compared: int
+    due_s: float
+    begun: OfAxes
+    travel: OfAxes
 
     def __init__(
         self,
@@ -108,7 +125,8 @@ class MotionPredictor(Record):
         self.max_curve = checks.non_negative("max_curve", max_curve)
         self.times, self.first, self.second = ([0.0] * MOST for _ in range(3))
         self.places, self.position, self.velocity, self.half = [], [], [], []
-        self.start = self.count = self.fitted = 0
+        self.begun, self.travel, self.due_s = [], [], 0.0
+        self.reset()
 
     @property
     def newest(self) -> tuple[Vector, Vector]:
@@ -123,7 +141,9 @@ class MotionPredictor(Record):
 
     def reset(self) -> None:
         """Forget all positions, as their sender was replaced."""
-        self.start = self.count = self.fitted = 0
+        self.start = self.count = self.fitted = self.is_compared = 0
+        self.right = self.whole = TRUST_M * TRUST_M
+        self.trust = 1.0
 
     def receive(self, position: Vector, sent_s: float) -> None:
         """Take in a position [m] with its sender's time stamp [s]; positions may arrive out of order."""
@@ -135,7 +155,7 @@ class MotionPredictor(Record):
     def make_room(self, n: int) -> None:
         """Allocate memory for positions with n axes."""
         self.places = [[0.0] * n for _ in range(MOST)]
-        self.position, self.velocity, self.half = ([0.0] * n for _ in range(3))
+        self.position, self.velocity, self.half, self.begun, self.travel = ([0.0] * n for _ in range(5))
 
     def at(self, ahead: float) -> tuple[Vector, float]:
         """The position `ahead` seconds after the newest, and the time that was really predicted [s].
@@ -180,6 +200,23 @@ def note(p: MotionPredictor, n: int, position: Reals, sent_s: float) -> None:
         p.start += 1
         p.count -= 1
     p.fitted = 0
+    if p.is_compared and times[end] >= p.due_s:
+        _compare(p, n, end)
+
+
+@equation
+def _compare(p: MotionPredictor, n: int, newest: int) -> None:
+    """Compare the prediction with the position that came, and update the trust."""
+    p.is_compared = 0
+    at = newest
+    while at > p.start and p.times[at - 1] >= p.due_s:
+        at -= 1
+    right = whole = 0.0
+    for i in range(n):
+        right += p.travel[i] * (p.places[at][i] - p.begun[i])
+        whole += p.travel[i] * p.travel[i]
+    p.right, p.whole = TRUST_KEPT * p.right + right, TRUST_KEPT * p.whole + whole
+    p.trust = min(1.0, max(0.0, p.right / p.whole)) if p.whole > 0.0 else 1.0
 
 
 @equation
@@ -189,8 +226,14 @@ def predict(p: MotionPredictor, n: int, ahead: float, out: Floats) -> float:
     ahead = min(max(ahead, 0.0), p.maximum)
     curve = min(ahead, p.max_curve)
     square = curve * (2.0 * ahead - curve)  # a parabola up to max_curve, then its tangent
+    compares = p.is_compared == 0 and ahead > 0.0
     for i in range(n):
-        out[i] = p.position[i] + p.velocity[i] * ahead + p.half[i] * square
+        travel = p.velocity[i] * ahead + p.half[i] * square
+        out[i] = p.position[i] + p.trust * travel
+        if compares:
+            p.begun[i], p.travel[i] = p.position[i], travel
+    if compares:
+        p.is_compared, p.due_s = 1, p.times[p.start + p.count - 1] + ahead
     return ahead
 
 
@@ -238,152 +281,3 @@ def fit(p: MotionPredictor, n: int) -> None:
         p.position[i] = level - slope * mean + half * (mean * mean + b * mean - c)
         p.velocity[i] = slope + half * (-2.0 * mean - b)
         p.half[i] = half
-
-
-class Around(Record):
-    """The planes around the virtual mass."""
-
-    count: int
-    normal: VectorsOfPlanes
-    offset: OfPlanes
-    stiffness: OfPlanes
-    velocity: OfPlanes
-
-
-class PredictedDevice(Record):
-    """Computes the world's y: the device's predicted position at the time when the proxy gets there.
-
-    Parameters
-    ----------
-    position : of the mass at the start [m].
-    lag : B'/K' [s]. predictor : predicts the device's motion. stop_s : time constant with which the predicted motion
-        dies away behind a plane [s]; 0: planes change nothing.
-
-    Attributes
-    ----------
-    y : the last y [m]. age : of the newest position [s]; fresh : whether a position has come since the last step.
-    mean_step : of the world's steps [s]. aimed_s : the time for which y is predicted, on the device's clock [s], if it
-        `has_aimed`. around : the planes around the mass. in_use : always 1, except in unused records of compiled code.
-    """
-
-    in_use: int
-    predictor: MotionPredictor
-    lag: float
-    stop_s: float
-    y: OfAxes
-    age: float
-    fresh: int
-    mean_step: float
-    has_aimed: int
-    aimed_s: float
-    around: Around
-
-    def __init__(self, position: Vector, lag: float, predictor: MotionPredictor, stop_s: float = 0.0) -> None:
-        self.in_use = 1
-        self.lag = lag
-        self.predictor = predictor
-        self.stop_s = checks.non_negative("stop_s", stop_s)
-        self.around = Around()
-        self.around.normal = [[0.0] * len(position) for _ in range(PLANES)]
-        self.reset(position)
-
-    def reset(self, position: Vector) -> None:
-        """Forget the device's motion, as the device was replaced. y continues at `position` [m]."""
-        self.predictor.reset()
-        self.y = list(position)
-        self.age = self.mean_step = self.aimed_s = 0.0
-        self.fresh = self.has_aimed = 0
-        self.see(())
-
-    def see(self, planes: Sequence[Plane]) -> None:
-        """Set the planes around the virtual mass; the code that moves the mass must call this before each step."""
-        around = self.around
-        around.count = len(planes)
-        for k, plane in enumerate(planes):
-            around.normal[k][:] = plane.normal
-            around.offset[k], around.velocity[k] = plane.offset_m, plane.velocity_mps
-
-    @property
-    def turn_s(self) -> float:
-        """The approximate time from a motion of the device to its answer [s]: a round trip and a step."""
-        return turn_s(self)
-
-    def release(self, position: Vector) -> None:
-        """Forget the device's motion, as `reset` does; y continues at `position` [m]."""
-        self.reset(position)
-
-    def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
-        """Take in the device's position and its age; see `CouplingState.receive`."""
-        self.predictor.receive(vector_of(sample), sent_s)
-        if sent_s == self.predictor.newest_s:
-            self.age = age_s
-            self.fresh = 1
-
-    def step(self, dt: float, x: Vector) -> Vector:
-        """y [m], `dt` seconds after the last step."""
-        look_ahead(self, len(self.y), dt)
-        return tuple(self.y)
-
-    def stands_for(self, dt: float) -> float:
-        """The time on the device's clock for which the proxy holds after a step of `dt` seconds [s]; 0: unknown."""
-        return stands_for(self, dt)
-
-
-@equation
-def receive(predicted: PredictedDevice, n: int, position: Reals, sent_s: float, age_s: float) -> None:
-    """Take in the device's position and its age: `PredictedDevice.receive`."""
-    p = predicted.predictor
-    note(p, n, position, sent_s)
-    if p.count and sent_s == p.times[p.start + p.count - 1]:
-        predicted.age = age_s
-        predicted.fresh = 1
-
-
-@equation
-def look_ahead(predicted: PredictedDevice, n: int, dt: float) -> None:
-    """Predict y, `dt` seconds after the last step: `PredictedDevice.step`."""
-    ahead, around = aim(predicted, n, dt), predicted.around
-    if predicted.stop_s != 0.0 and ahead != 0.0:
-        for k in range(around.count):
-            stop(predicted, n, around.normal[k], around.offset[k], around.velocity[k], ahead)
-
-
-@equation
-def aim(predicted: PredictedDevice, n: int, dt: float) -> float:
-    """Compute `predicted.y` without planes; returns the time that is predicted [s], 0 without a position."""
-    p = predicted.predictor
-    if not predicted.fresh:
-        predicted.age += dt
-    predicted.fresh = 0
-    before = predicted.mean_step
-    predicted.mean_step = dt if before == 0.0 else before + STEP_GAIN * (dt - before)
-    if not p.count:
-        return 0.0
-    ahead = predict(p, n, predicted.age + predicted.lag + predicted.mean_step / 2.0, predicted.y)
-    predicted.aimed_s = p.times[p.start + p.count - 1] + ahead
-    predicted.has_aimed = 1
-    return ahead
-
-
-@equation
-def stop(predicted: PredictedDevice, n: int, normal: Reals, offset: float, velocity: float, ahead: float) -> None:
-    """Let a plane stop y; a moving plane takes the hand along, so it changes nothing."""
-    p = predicted.predictor
-    depth, free = dot(n, normal, p.position) - offset, dot(n, normal, predicted.y) - offset
-    if velocity != 0.0 or (depth <= 0.0 and free <= 0.0):
-        return
-    back = depth_ahead(depth, free, dot(n, normal, p.velocity), ahead, predicted.stop_s) - free
-    for i in range(n):
-        predicted.y[i] = predicted.y[i] + back * normal[i]
-
-
-@equation
-def turn_s(predicted: PredictedDevice) -> float:
-    """The approximate time from a motion of the device to its answer [s]: `PredictedDevice.turn_s`."""
-    return 2.0 * predicted.age + predicted.mean_step
-
-
-@equation
-def stands_for(predicted: PredictedDevice, dt: float) -> float:
-    """The time on the device's clock for which the proxy holds [s]: `PredictedDevice.stands_for`."""
-    return max(0.0, predicted.aimed_s - predicted.lag + dt / 2.0) if predicted.has_aimed else 0.0

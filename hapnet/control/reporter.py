@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import ProxySample
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.plane import Plane, checked
 
@@ -23,11 +23,17 @@ class SampleReporter:
     def __init__(self, position: Vector, predicted: PredictedDevice, reach: float, reach_speed: float) -> None:
         self.predicted = predicted
         self._reach, self._reach_speed = reach, reach_speed
-        self._contacts: Surroundings | None = None
+        self.contacts: Surroundings | None = None
+        """The surroundings of the proxy; None before its first step."""
         self._force: Vector = (0.0,) * len(position)
         self._planes: tuple[Plane, ...] | None = ()  # the proxy starts outside of every obstacle
         self._searched_m: float | None = None
         self._aimed_s = 0.0
+
+    @property
+    def touches(self) -> bool:
+        """Whether a force acted on the proxy in the last step."""
+        return any(self._force)
 
     def know_nothing(self) -> None:
         """Send no planes: the surroundings are unknown, as with a real robot, which is felt through its position."""
@@ -35,16 +41,16 @@ class SampleReporter:
 
     def moved(self, done: Step, contacts: Surroundings) -> None:
         """Take in a step that the mass made among these contacts."""
-        self._contacts = contacts
+        self.contacts = contacts
         own = contacts.contact_force  # an engine's `force` includes the proxy's inertia
         self._force = done.force if own is None else own
 
     def look(self, dt: float, x: Vector) -> None:
         """Find the planes around x [m], `dt` seconds after the last step began, and pass them to the prediction."""
         predicted = self.predicted
-        if self._contacts is not None:
+        if self.contacts is not None:
             self._searched_m = reach = min(MOST_REACH_M, self._reach + self._reach_speed * predicted.turn_s)
-            planes = self._contacts.planes(x, reach)
+            planes = self.contacts.planes(x, reach)
             self._planes = None if planes is None else tuple([plane.unfolded(x) for plane in checked(planes, len(x))])
         predicted.see(self._planes or ())
         self._aimed_s = predicted.stands_for(dt)

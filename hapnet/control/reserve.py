@@ -68,7 +68,7 @@ class ForceGuard(Record):
 
     Parameters
     ----------
-    limit : maximum force [N]. step : maximum change of the force in a tick [N].
+    limit : maximum force [N]. step : maximum change of the force in a tick, beyond the own motion's part [N].
     reach : maximum travel in a tick, a [m]; 0: no account limits the force.
     speed : maximum speed, v [m/s]. inertia : m/T [Ns/m] of the smallest mass; infinite: unknown.
 
@@ -130,14 +130,15 @@ class ForceGuard(Record):
         """Energy needed in spring and reservoir to hold this force [N] for a tick and then reduce it to zero [J]."""
         return needed(self, length(len(force), force))
 
-    def admit(self, wanted: Vector, held: Vector, v: Vector, energy: float) -> Vector:
+    def admit(self, wanted: Vector, held: Vector, caused: Vector, v: Vector, energy: float) -> Vector:
         """The force to hold from now on [N].
 
         wanted : force of spring and damper [N]. held : the last force admitted [N].
+        caused : the change of the spring's force since then that the device's own motion causes [N].
         v : velocity [m/s]. energy : P, the energy in spring and reservoir [J].
         """
         force = list(wanted)
-        return tuple(force) if admit(self, len(force), force, held, v, energy) else wanted
+        return tuple(force) if admit(self, len(force), force, held, caused, v, energy) else wanted
 
 
 @equation
@@ -165,7 +166,7 @@ def _affordable(guard: ForceGuard, energy: float) -> float:
 
 
 @equation
-def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
+def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, caused: Reals, v: Reals, energy: float) -> bool:
     """Replace `wanted` by the force to hold: `ForceGuard.admit`. Returns whether the force changed."""
     size = length(n, wanted)
     ramped = size * (size * guard.square + guard.linear) + guard.constant
@@ -177,11 +178,13 @@ def admit(guard: ForceGuard, n: int, wanted: Floats, held: Reals, v: Reals, ener
         and ramped <= guard.inertia * (guard.speed - length(n, v))
     ):
         return False  # the usual case; `_limit` computes exactly
-    return _limit(guard, n, size, wanted, held, v, energy)
+    return _limit(guard, n, size, wanted, held, caused, v, energy)
 
 
 @equation
-def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, v: Reals, energy: float) -> bool:
+def _limit(
+    guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, caused: Reals, v: Reals, energy: float
+) -> bool:
     """Do the exact computation of `admit`. size : the length of `wanted` [N]."""
     step = guard.step
     most = guard.limit
@@ -189,18 +192,11 @@ def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, 
     if guard.reach > 0.0:
         spendable = energy * _SHARE - _ROUNDING_J
         most = min(most, _affordable(guard, spendable)) if spendable > 0.0 else 0.0
-    if guard.inertia < math.inf and size > 0.0:
-        along = dot(n, wanted, v) / size
-        room = math.sqrt(along * along + max(0.0, guard.speed * guard.speed - dot(n, v, v))) - along
-        most_for_speed = maximum(guard.inertia * room, step)
-        if size > most_for_speed:
-            for i in range(n):
-                wanted[i] = wanted[i] * (most_for_speed / size)
-            size = most_for_speed
-            changed = True
+    if guard.inertia < math.inf:
+        changed = limit_speed(n, wanted, v, guard.speed, guard.inertia, step)
     if step != math.inf:
-        changed = changed or distance(n, wanted, held) > step
-        limit_step(n, held, wanted, step)
+        changed = limit_step(n, held, caused, wanted, step) or changed
+    if changed:
         size = length(n, wanted)
     if size <= most:
         return changed
@@ -209,11 +205,31 @@ def _limit(guard: ForceGuard, n: int, size: float, wanted: Floats, held: Reals, 
 
 
 @equation
+def limit_speed(n: int, force: Floats, v: Reals, speed: float, inertia: float, step: float) -> bool:
+    """Shorten `force` [N] so that it does not accelerate the smallest mass beyond `speed` [m/s], see the module's text.
+
+    v : velocity [m/s]. inertia : m/T [Ns/m]. step : maximum change of the force in a tick [N]. Returns whether the
+    force changed.
+    """
+    size = length(n, force)
+    if size == 0.0:
+        return False
+    along = dot(n, force, v) / size
+    room = math.sqrt(along * along + max(0.0, speed * speed - dot(n, v, v))) - along
+    most = maximum(inertia * room, step)
+    if size <= most:
+        return False
+    for i in range(n):
+        force[i] = force[i] * (most / size)
+    return True
+
+
+@equation
 def _shorten(guard: ForceGuard, n: int, size: float, force: Floats, held: Reals, most: float) -> None:
     """Replace `force` by the force of length `most` [N] between it and the shortest force within one step of `held`.
 
     If this shortest force is longer than `most`, it is the result: the account can cover it, see the module's text.
-    Every force between the two is within one step of `held`.
+    Every force between the two is allowed by the limit of the step, as both ends are, and what it allows is convex.
     """
     if guard.step == math.inf:
         share = most / size

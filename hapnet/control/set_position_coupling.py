@@ -12,14 +12,12 @@ from typing import NamedTuple, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control import ledger as ledgers, pspm, smoothing, zoh
-from hapnet.control.coupling import CouplingSample, Update, counted, level_of, vector_of
+from hapnet.control.coupling import CouplingSample, level_of, vector_of
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence, limit_step, releases
 from hapnet.control.pspm import Modulation, SetPositionModulator
-from hapnet.control.reporter import SampleReporter
 from hapnet.control.smoothing import Pipeline
 from hapnet.mechanics import spring as springs
-from hapnet.mechanics.contacts import Mass, Step, Surroundings
 from hapnet.mechanics.spring import Spring
 from hapnet.records.record import Floats, OfAxes, Reals, Record, compiled_as, equation
 from hapnet.records.vectors import copy
@@ -90,7 +88,7 @@ class SetPositionCoupling(Record):
     stages : filters and predictors before the modulator.
     source : computes y, before the stages, from all samples that have arrived; None: y is the newest set-position.
     silence : the policy while nothing arrives.
-    max_step : the largest step of the set-position in one update [m]; infinite: no limit.
+    max_step : the largest step of the set-position in one update, beyond the own motion [m]; infinite: no limit.
     kinetic : kinetic energy at the start [J].
     kept_for_peers : if the reservoir holds at most twice this energy [J], a new peer gets a hundredth of it, not half.
     shares : whether this side reports its reservoir's level, and sends energy to a side that needs it more.
@@ -98,6 +96,8 @@ class SetPositionCoupling(Record):
     Attributes
     ----------
     passive : whether the modulator is PSPM, not a zero-order hold. ledger : its account.
+    place : x at the last update [m]. moved : the own motion since then [m].
+    carries : whether the proxy may be carried; carried : its displacement in the present step [m], see carrying.py.
     y : the set-position of the next update [m]. aim : y(k) after the stages and silence, before the step limit [m].
     received : the newest set-position received [m]; fresh : whether it is new; sent_s : time of sending [s].
     waiting : received energy that no update has used yet [J]. has_sample : whether the next update has new input.
@@ -112,6 +112,10 @@ class SetPositionCoupling(Record):
     silence: Silence
     ledger: Ledger
     passive: int
+    place: OfAxes
+    moved: OfAxes
+    carries: int
+    carried: OfAxes
     y: OfAxes
     aim: OfAxes
     received: OfAxes
@@ -153,6 +157,7 @@ class SetPositionCoupling(Record):
         self.passive = int(isinstance(modulator, SetPositionModulator))
         start = modulator.set_position
         self.y, self.aim, self.received = list(start), list(start), list(start)
+        self.place, self.moved, self.carried = list(start), [0.0] * len(start), [0.0] * len(start)
         self.account = modulator.account
         self.energy_min = modulator.energy
         self.peer_level = -1.0
@@ -320,7 +325,9 @@ def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float
         coupling.peer_level = -1.0  # energy sent now would be lost with the link, or discarded by a full reservoir
     copy(n, y, coupling.aim)
     if coupling.max_step != math.inf:
-        limit_step(n, coupling.modulator.ybar, y, coupling.max_step)
+        for i in range(n):
+            coupling.moved[i] = x[i] - coupling.place[i]
+        limit_step(n, coupling.modulator.ybar, coupling.moved, y, coupling.max_step)
     _run(coupling, dt, x, dissipated, keep)
 
 
@@ -328,6 +335,7 @@ def update(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float
 def _run(coupling: SetPositionCoupling, dt: float, x: Reals, dissipated: float, keep: float) -> None:
     """Run the modulator with `coupling.y`, and count its results."""
     received = coupling.waiting
+    copy(coupling.modulator.spring.dof, x, coupling.place)
     coupling.waiting = 0.0
     coupling.has_sample = 0
     coupling.shuffled = _modulate(coupling, dt, x, dissipated, received, keep)
@@ -366,33 +374,3 @@ def _modulate(
     if coupling.peer_level >= 0.0:
         sent += modulator.give(dt, coupling.peer_level, keep)
     return sent
-
-
-class SetPositionSteps:
-    """The world's end: a `WorldCoupling` with a spring of its own, which ties the mass to ybar.
-
-    coupling : this side's set-position coupling.
-    reporter : makes the sample of the proxy and of the surfaces around it; None: only its position is sent.
-    """
-
-    def __init__(self, coupling: SetPositionCoupling, reporter: SampleReporter | None = None) -> None:
-        self.coupling = coupling
-        self.reporter = reporter
-
-    def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
-        done = mass.step(dt, self.coupling.set_position, contacts)
-        if self.reporter is not None:
-            self.reporter.moved(done, contacts)
-        return done
-
-    def counted(self, dt: float, x: Vector, kinetic: float, work: float, dissipated: float) -> Update:
-        """Count a step in the ledger and run the law, as `control.coupling.counted` does."""
-        return counted(self, dt, x, kinetic, work, dissipated)
-
-    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
-        """Run PSPM at the start of a step. The sample for the device is x, with the surfaces around it."""
-        reporter = self.reporter
-        if reporter is not None:
-            reporter.look(dt, x)
-        sent = self.coupling.update(dt, x, dissipated).sent
-        return Update(x if reporter is None else reporter.proxy(x, self.coupling.level), sent)

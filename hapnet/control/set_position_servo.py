@@ -59,7 +59,8 @@ class SampledServo(Record):
     speed_max : maximum speed measured over a tick [m/s]; `rounding` is subtracted from the travel.
     before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
         its maximum distance from the spring's force [N].
-    wanted, pull : temporary memory for forces.
+    shown : the position for which `commanded` was computed [m].
+    wanted, pull, caused : temporary memory for forces.
     """
 
     n: int
@@ -85,8 +86,10 @@ class SampledServo(Record):
     boundary: float
     speed_max: float
     guarded: int
+    shown: OfAxes
     wanted: OfAxes
     pull: OfAxes
+    caused: OfAxes
 
     def __init__(
         self,
@@ -127,8 +130,8 @@ class SampledServo(Record):
         self._hold_time = HoldTime(self._max_hold, math.inf if holding is None else holding.most)
         self._followed: tuple[float, float, float] | None = None  # time followed, P at its start, smallest P since
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
-        self.position, self.low, self.high = list(position), list(position), list(position)
-        for name in ("held", "commanded", "before", "velocity", "wanted", "pull"):
+        self.position, self.low, self.high, self.shown = [list(position) for _ in range(4)]
+        for name in ("held", "commanded", "before", "velocity", "wanted", "pull", "caused"):
             setattr(self, name, [0.0] * n)
         self.potential = coupling.potential(position)
         self.limit_gifts()
@@ -260,6 +263,7 @@ class SampledServo(Record):
             blur(self, self.coupling)
         for i in range(self.n):
             self.held[i] = self.commanded[i] = self.velocity[i] = 0.0
+            self.shown[i] = self.position[i]
 
 
 @equation
@@ -355,13 +359,16 @@ def end_held(servo: SampledServo, coupling: SetPositionCoupling, x: Reals) -> No
 @equation
 def render(servo: SampledServo, coupling: SetPositionCoupling, x: Reals, v: Reals) -> None:
     """Hold the force of spring and damper from now on, as limited by the guard."""
-    n, guard, wanted = servo.n, servo.guard, servo.wanted
+    n, guard, wanted, caused = servo.n, servo.guard, servo.wanted, servo.caused
     copy(n, v, servo.velocity)
     springs.force(coupling.modulator.spring, x, coupling.modulator.ybar, servo.pull)
+    springs.force(coupling.modulator.spring, servo.shown, coupling.modulator.ybar, caused)
     for i in range(n):
         wanted[i] = servo.pull[i] - servo.damping[i] * v[i]
+        caused[i] = servo.pull[i] - caused[i]
+    copy(n, x, servo.shown)
     energy = stored(servo, coupling) if guard.has_account else math.inf
-    if admit(guard, n, wanted, servo.commanded, v, energy):
+    if admit(guard, n, wanted, servo.commanded, caused, v, energy):
         servo.clipped = 1
         servo.guarded += 1
     copy(n, wanted, servo.held)

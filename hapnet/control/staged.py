@@ -12,7 +12,8 @@ from collections.abc import Callable
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import CouplingSample, DeviceLaw, LawSteps, Update, WorldLaw
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.law_state import Tank
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.reporter import SampleReporter
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 
@@ -28,6 +29,7 @@ class StagedDevice:
 
     def __init__(self, law: DeviceLaw, model: ContactModel, takes: Takes) -> None:
         self._law, self._model, self._takes = law, model, takes
+        self.tank: Tank | None = getattr(law, "tank", None)
 
     @property
     def set_position(self) -> Vector:
@@ -61,6 +63,7 @@ class StagedWorld:
 
     def __init__(self, law: WorldLaw, predicted: PredictedDevice, takes: Takes) -> None:
         self._law, self._predicted, self._takes = law, predicted, takes
+        self.tank: Tank | None = getattr(law, "tank", None)
 
     @property
     def set_position(self) -> Vector:
@@ -110,5 +113,5 @@ class StagedSteps(LawSteps):
         """Begin a step. Returns the sample of the proxy and the planes around it; the law's own sample is not sent."""
         self._reporter.look(dt, x)
         self._staged.aim(dt, x)
-        super().update(dt, x, dissipated)
-        return Update(self._reporter.proxy(x, None))
+        shuffled = super().update(dt, x, dissipated).shuffled
+        return Update(self._reporter.proxy(x, None), shuffled)

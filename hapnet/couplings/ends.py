@@ -42,6 +42,10 @@ def held_law(
             position=start.position,
             initial_energy=start.initial_energy,
             force_limit=device.force_limit_N or math.inf,
+            step_limit=device.step_limit_N or math.inf,
+            stiffness=rendering.largest(device.stiffness),
+            speed=device.greatest_speed,
+            inertia=device.mass * device.servo_hz,
             stamped=None if staged is None else staged.stamped,
         )
 

@@ -20,7 +20,7 @@ UNKNOWN_MASS = 1e9
 LIGHT_MASS = 0.01
 """The smallest mass of a handle that a hand can hold [kg]."""
 
-RESERVED_SHARE = 0.5
+RESERVED_SHARE = 0.7
 """Largest share of the ceiling that is kept in reserve: the spring needs the rest to move."""
 
 

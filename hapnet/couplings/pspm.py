@@ -42,7 +42,7 @@ def _covers(params: Params, tuning: RenderingTuning, virtual: bool) -> bool:
     return not (sampled and device.harvest == "range")
 
 
-_ENDS = ends(_modulator, limited=True)
+_ENDS = ends(_modulator)
 
 LAW = CouplingSpec(
     name="pspm",
@@ -58,7 +58,6 @@ LAW = CouplingSpec(
     shared=("contact_model",),
     sends_planes=True,
     set_positions=BOTH_SIDES,
-    limited=True,
     scaled=True,
     springs=two_springs,
     halves=True,

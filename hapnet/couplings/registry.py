@@ -62,12 +62,6 @@ def known(name: object) -> CouplingSpec[Any] | None:
     return COUPLINGS.get(str(name))
 
 
-def limited(name: object) -> bool:
-    """Whether the coupling of this name limits the set-position's step, as PSPM does. False for a user's coupling."""
-    spec = known(name)
-    return spec is not None and spec.limited
-
-
 def jointly_passive(name: object) -> bool:
     """Whether the coupling of this name passes energy through the link itself, so that no side keeps its own half.
 

@@ -10,14 +10,17 @@ y or add dissipation, so Theorem 1 holds with both.
 | PSPM | at every tick, harvest measured; positions are sent every `device.pspm_period_s` | minimum delay |
 | lead | g K^-1 (B + b) v, g = `contact_model.lead`: a part of the drag is cancelled in free motion | (2) |
 | the world's prediction | age of the sample + B'/K' + T/2, T the mean step | lag of the integrator on a ramp |
+| trust | the share of the predicted travel that has proved right | least squares, prediction.py |
+| in free space | the proxy is carried: no spring, no energy | carrying.py |
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
 | planes sent | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
 | planes kept | until an answer that covers their place no longer contains them | a wall mostly stands still |
-| the lead yields | below the level `contact_model.yields_below` of the world's reservoir | (below) |
+| a tool in contact | y is at most `STRETCHED` times the stretch that saturates the device's spring | `stretch` |
+| the lead yields | below the level `contact_model.yields_below` of the world's reservoir, over 3 s | (below) |
 
 A world that cannot send planes is felt through its delayed proxy, with 100 N/m at most: a stiffer spring rings.
-A plane must be sent before a hand of any speed reaches it. If the world's reservoir is low, the hand pays for the
-energy that the walls dissipate: the lead shrinks in proportion. In contact the hand feels only the wall.
+A plane must be sent before a hand of any speed reaches it. If the world's reservoir stays low for seconds, the hand
+pays for the energy that the walls dissipate: the lead shrinks in proportion. In contact the hand feels only the wall.
 """
 
 from __future__ import annotations
@@ -33,12 +36,14 @@ from hapnet import checks
 from hapnet.checks import Array
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.prediction import MotionPredictor, PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
+from hapnet.control.prediction import MotionPredictor
 from hapnet.control.self_motion import SelfMotion
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
 from hapnet.couplings.stiffness import PAPERS
 from hapnet.params import Params
+from hapnet.units import POSE_AXES
 
 SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "contact_model.damping_ratio": Between(0.05, 1.0, log=True),
@@ -52,6 +57,9 @@ SEARCHED: Mapping[str, Between | tuple[Any, ...]] = {
     "contact_model.stop_s": Between(0.005, 0.1, log=True),
 }
 """`CouplingSpec.searched` of both couplings with this rendering."""
+
+STRETCHED = 1.5
+"""The stretch of a world's spring to a tool in contact, beside that at which the device's saturates: it also slides."""
 
 PREDICT_S = (
     "the world predicts the device if delay and lag are at most this [s]; 0, or with the paper's rendering: never"
@@ -129,6 +137,19 @@ def share_without_planes(params: Params) -> float:
 def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
     """The distance within which planes are sent [m], and the speed of the device that extends it [m/s]."""
     return start.tuning.reach_m, start.tuning.reach_speed_mps
+
+
+def stretch(start: CouplingStart[Any]) -> float:
+    """The farthest that y may be from a tool that touches something [m].
+
+    A hand pushes the device far beyond the place where its spring saturates. A spring at the world that is as long
+    lends tens of millijoules to the tool, and each edge that it slips off dissipates a part.
+    """
+    device = start.params.device
+    force_N = device.force_limit_N * device.spring_share
+    if len(start.position) != POSE_AXES or not force_N:
+        return math.inf
+    return STRETCHED * force_N / _smallest(device.stiffness)
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:

@@ -15,12 +15,13 @@ from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, WorldCoupling
 from hapnet.control.held_steps import FollowerServo
 from hapnet.control.limits import OnSilence, Silence
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
 from hapnet.control.reporter import SampleReporter
-from hapnet.control.reserve import ForceGuard, Holding
-from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, SetPositionSteps, Source
+from hapnet.control.reserve import Holding
+from hapnet.control.set_position_coupling import Modulator, SetPositionCoupling, Source
 from hapnet.control.set_position_servo import SampledServo
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.control.smoothing import Pipeline, SmoothingFilter, Stage, VelocityPredictor
 from hapnet.control.zoh import ZeroOrderHold
 from hapnet.couplings import held_torque, rendering
@@ -84,9 +85,9 @@ def _coupling(
     )
 
 
-def _max_step(side: Side, spring: Spring, limited: bool) -> float:
+def _max_step(side: Side, spring: Spring) -> float:
     """The largest step of ybar in one update [m] that keeps the step of the spring's force within its limit."""
-    if not limited or not side.step_limit_N:
+    if not side.step_limit_N:
         return math.inf
     return side.step_limit_N / spring.ellipsoid.largest
 
@@ -101,7 +102,6 @@ def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
 def _at_device(
     start: CouplingStart[RenderingTuning],
     make: MakeModulator,
-    limited: bool,
     source: Source | None,
     holding: Holding | None = None,
 ) -> tuple[SetPositionCoupling, Vector]:
@@ -109,7 +109,7 @@ def _at_device(
     spring, damping = device_spring(start.params, len(start.position))
     reserve = 0.0 if holding is None else holding.reserve
     modulator = make(device, spring, start.position, start.initial_energy, reserve, holding)
-    return _coupling(start, device, spring, modulator, _max_step(device, spring, limited), source), damping
+    return _coupling(start, device, spring, modulator, _max_step(device, spring), source), damping
 
 
 def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
@@ -118,32 +118,29 @@ def _rates(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
     return (0.0, period) if start.tuning.contact_model else (period, 0.0)
 
 
-def _continuous(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> ContinuousServo:
+def _continuous(start: CouplingStart[RenderingTuning], make: MakeModulator) -> ContinuousServo:
     model = rendering.at_device(start)
-    coupling, damping = _at_device(start, make, limited, model)
+    coupling, damping = _at_device(start, make, model)
     period, sending = _rates(start)
     return ContinuousServo(coupling, damping=damping, period=period, sending=sending, model=model)
 
 
-def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> DeviceCoupling:
+def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator) -> DeviceCoupling:
     model = rendering.at_device(start)
-    return _held(start, make, limited, model, model)
+    return _held(start, make, model, model)
 
 
 def _held(
     start: CouplingStart[RenderingTuning],
     make: MakeModulator,
-    limited: bool,
     source: Source | None,
     model: ContactModel | None,
     kind: Callable[..., S] = SampledServo,  # type: ignore[assignment]
 ) -> S:
     """A servo that holds its force; source : computes y (the contact model, if there is one)."""
     device, dof = start.params.device, len(start.position)
-    guard, holding = ForceGuard(limit=device.force_limit_N or math.inf), None
-    if limited:
-        guard, holding = held_torque.guard(device, start.harvest, dof)
-    coupling, damping = _at_device(start, make, limited, source, holding)
+    guard, holding = held_torque.guard(device, start.harvest, dof)
+    coupling, damping = _at_device(start, make, source, holding)
     period, sending = _rates(start)
     return kind(
         coupling=coupling,
@@ -160,13 +157,15 @@ def _held(
     )
 
 
-def _world(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> WorldCoupling:
+def _world(start: CouplingStart[RenderingTuning], make: MakeModulator) -> WorldCoupling:
     """The world's end; unless the rendering is the paper's, it also sends the surfaces around its proxy."""
     if not start.tuning.contact_model:
-        return SetPositionSteps(_at_world(start, make, limited, None))
+        return SetPositionSteps(_at_world(start, make, None))
     source = rendering.at_world(start)
     return SetPositionSteps(
-        _at_world(start, make, limited, source), SampleReporter(start.position, source, *rendering.reach(start))
+        _at_world(start, make, source),
+        SampleReporter(start.position, source, *rendering.reach(start)),
+        rendering.stretch(start),
     )
 
 
@@ -182,14 +181,14 @@ def servo_of(params: Params) -> DeviceParams:
     )
 
 
-def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator, limited: bool) -> FollowerServo:
+def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator) -> FollowerServo:
     """The servo of a robot in the virtual mass's place; the parameters' `device` describes the robot (`servo_of`)."""
     params, source, reporter = start.params, None, None
     if start.tuning.contact_model:
         lag = rendering.largest(params.world.damping) + params.follower.own_damping
         source = rendering.at_world(replace(start, params=params.set({"world.damping": lag})))
         reporter = SampleReporter(start.position, source, *rendering.reach(start))
-    return _held(replace(start, harvest="measured"), make, limited, source, None, partial(FollowerServo, reporter))
+    return _held(replace(start, harvest="measured"), make, source, None, partial(FollowerServo, reporter))
 
 
 def plain_world(start: CouplingStart[Any]) -> WorldCoupling:
@@ -199,20 +198,16 @@ def plain_world(start: CouplingStart[Any]) -> WorldCoupling:
     device's predicted position: such a law claims nothing for this port, so any y is allowed.
     """
     if start.params.rendering == "hapnet":
-        return _world(replace(start, tuning=rendering.tuned(start.params)), plain, False)
-    return SetPositionSteps(
-        _at_world(start, plain, False, rendering.at_world(start) if start.tuning.predicts else None)
-    )
+        return _world(replace(start, tuning=rendering.tuned(start.params)), plain)
+    return SetPositionSteps(_at_world(start, plain, rendering.at_world(start) if start.tuning.predicts else None))
 
 
-def _at_world(
-    start: CouplingStart[Any], make: MakeModulator, limited: bool, source: PredictedDevice | None
-) -> SetPositionCoupling:
+def _at_world(start: CouplingStart[Any], make: MakeModulator, source: PredictedDevice | None) -> SetPositionCoupling:
     world = start.params.world
     spring = shared_spring(world.stiffness, len(start.position))
     kept = world.ceiling_J * KEPT_FOR_PEERS
     modulator = make(world, spring, start.position, start.initial_energy, kept, None)
-    return _coupling(start, world, spring, modulator, _max_step(world, spring, limited), source, kept)
+    return _coupling(start, world, spring, modulator, _max_step(world, spring), source, kept)
 
 
 class SetPositionEnds(NamedTuple):
@@ -224,11 +219,11 @@ class SetPositionEnds(NamedTuple):
     follower: Callable[[CouplingStart[RenderingTuning]], FollowerServo]
 
 
-def ends(make: MakeModulator, *, limited: bool) -> SetPositionEnds:
-    """The ends with this modulator on each side; `limited` as in `CouplingSpec`."""
+def ends(make: MakeModulator) -> SetPositionEnds:
+    """The ends with this modulator on each side, all with the same stages and limits."""
     return SetPositionEnds(
-        partial(_sampled, make=make, limited=limited),
-        partial(_continuous, make=make, limited=limited),
-        partial(_world, make=make, limited=limited),
-        partial(_follower, make=make, limited=limited),
+        partial(_sampled, make=make),
+        partial(_continuous, make=make),
+        partial(_world, make=make),
+        partial(_follower, make=make),
     )

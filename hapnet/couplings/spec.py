@@ -92,8 +92,6 @@ class CouplingSpec(Generic[T]):
     sends_planes : with ``rendering = "auto"``, whether the world sends its proxy with the planes around it, and the
         stages precede the law.
     set_positions : the sides that receive set-positions, and so have filters, a silence policy and step limits.
-    limited : whether it limits the set-position's step, and the force to what the account covers under a
-        zero-order hold.
     scaled : whether the felt force is K/K' of the virtual force, as with PSPM.
     springs : the springs through which a wall is felt at rest [N/m]: K and K', as with PSPM, or a single spring K.
         None: unknown, so the felt stiffness of a wall is unknown too.
@@ -123,7 +121,6 @@ class CouplingSpec(Generic[T]):
     world_sends: type[Stream] = Position
     sends_planes: bool = False
     set_positions: frozenset[str] = frozenset()
-    limited: bool = False
     scaled: bool = False
     springs: Callable[[Params, T], Sequence[Matrix] | None] = lambda params, tuning: None
     halves: bool = False
@@ -156,6 +153,11 @@ class CouplingSpec(Generic[T]):
         if role == "device":
             return self.device_sends
         return Proxy if self.staged(params) else self.world_sends
+
+    @property
+    def guards(self) -> bool:
+        """Whether its device's servo has the guard of a held torque: that of set-positions has it."""
+        return "device" in self.set_positions
 
     @property
     def takes_positions(self) -> bool:

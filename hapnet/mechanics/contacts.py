@@ -85,13 +85,19 @@ class Surroundings(Protocol):
         return
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...] | None:
-        """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four, the
-        deepest or nearest first. A curved obstacle returns its tangent plane at the nearest point, with its curvatures
-        there, if they are known (`Plane.curvatures`). The device renders only these planes.
+        """The planes that a proxy at `position` (n,) [m] touches, or has within `reach_m` [m]: at most four (eight for
+        a pose), the deepest or nearest first. A curved obstacle returns its tangent plane at the nearest point, with
+        its curvatures there, if they are known (`Plane.curvatures`). The device renders only these planes.
 
         None: this world cannot send planes, or has forces that no plane describes.
         """
         return None
+
+    def clearance(self, position: Sequence[float]) -> float:
+        """A distance [m] within which nothing acts on a proxy that moves around `position` (n,) [m]; 0 or below: none
+        is known. The proxy may be carried through this space (`hapnet.control.carrying`).
+        """
+        return 0.0
 
     def plane(self, position: Sequence[float]) -> Plane | None:
         """The plane in which a proxy at `position` (n,) [m] is deepest; None: it touches no plane."""
@@ -136,6 +142,11 @@ class Mass(Protocol):
     @property
     def kinetic_J(self) -> float:
         """Its kinetic energy; 0 if the environment counts that energy."""
+
+    @property
+    def can_be_carried(self) -> bool:
+        """Whether its position may be set while nothing touches it, see `hapnet.control.carrying`."""
+        return False
 
     @property
     def waits(self) -> bool:

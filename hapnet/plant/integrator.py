@@ -116,6 +116,11 @@ class PassiveIntegrator(Record, Mass):
         """kappa_k = 1/2 |v_k|_M^2."""
         return kinetic(self)
 
+    @property
+    def can_be_carried(self) -> bool:
+        """True: position and velocity are its whole state."""
+        return True
+
     def potential_J(self, set_position: ArrayLike) -> float:
         """phi_k = 1/2 |x_k - ybar|_K'^2 for the set-position ybar (n,) [m]."""
         ybar = self._input("set_position", set_position)

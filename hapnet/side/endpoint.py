@@ -27,7 +27,7 @@ from hapnet.control.coupling import (
     counted,
 )
 from hapnet.control.deadband import Deadband
-from hapnet.control.set_position_coupling import SetPositionSteps
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose_frame import Arms
 from hapnet.side.content import NANO as NANO, energy_nJ, moment_ns, sample_of, span_ns, with_arms

@@ -168,7 +168,7 @@ class RealDeviceSide(SampledDeviceSide):
 
     def held_forces(self) -> dict[str, Any]:
         figures = super().held_forces()
-        if figures:
+        if "overrun_risk_J" in figures:
             figures["overrun_risk_J"] = max(figures["overrun_risk_J"], self._actuators.risk_J)
         return figures
 

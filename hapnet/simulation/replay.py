@@ -32,7 +32,7 @@ from netem import Timeline
 _WORLDS = ("scene", "world.", "link.down")
 """Prefixes of the parameters that belong to the world; all others belong to the device."""
 
-_MADE = re.compile(r"rest|sine|press|hand-\d+")
+_MADE = re.compile(r"rest|sine|press|(hand|strokes|writing)-\d+")
 
 
 @dataclass(frozen=True)

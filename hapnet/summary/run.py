@@ -61,7 +61,7 @@ def _held(side: DeviceSide) -> SidePart:
     if side.origin_ns is not None:
         result["force"] = "applied" if side.applied else "commanded"
     figures = side.held_forces()
-    if figures:
+    if "reserve_needed_J" in figures:
         figures["reserve_needed_J"] = _known(figures["reserve_needed_J"])
     return cast(SidePart, {**result, **figures})
 
@@ -324,7 +324,10 @@ def _felt(device: object, world: object) -> Felt:
     """The felt stiffness from the certain parts of both sides' reports: the device's K, the world's K' and walls."""
     own, far = _springs(device), _springs(world)
     wall = _positive(world.get("stiffness_N_m")) if isinstance(world, Mapping) else None
-    return of_springs([*own[:1], *far[1:]] if own and far else own or far or None, wall)
+    limits = [_positive(one.get("local_limit_N_m")) for one in (device, world) if isinstance(one, Mapping)]
+    return of_springs(
+        [*own[:1], *far[1:]] if own and far else own or far or None, wall, next(filter(None, limits), None)
+    )
 
 
 def _springs(felt: object) -> list[float]:

@@ -89,12 +89,14 @@ class Environment(EnvironmentPart):
     """The port of the environment [J], and its own account.
 
     `stiffness_N_m` : of the stiffest wall; `felt_stiffness_N_m` : as a hand feels it through the coupling's springs,
-    `springs_N_m` : K and K', or K alone (hapnet/couplings/stiffness.py).
+    `springs_N_m` : K and K', or K alone; `local_limit_N_m` : the stiffest wall that the device renders without a
+    network (hapnet/couplings/stiffness.py).
     """
 
     stiffness_N_m: Number
     felt_stiffness_N_m: Number
     springs_N_m: list[float] | None
+    local_limit_N_m: Number
     work_J: Number
     slack_J: Number
 

@@ -99,6 +99,7 @@ _BOTH: tuple[_Row[Theorem], ...] = (
 _ENVIRONMENT: tuple[_Row[Environment], ...] = (
     _Row("stiffness of the wall", "N/m", lambda of: of["stiffness_N_m"], number),
     _Row("felt stiffness of the wall", "N/m", lambda of: of["felt_stiffness_N_m"], number),
+    _Row("stiffest wall of the device alone", "N/m", lambda of: of["local_limit_N_m"], number),
     _Row("work on the proxy", "mJ", lambda of: of["work_J"], millijoule),
     _Row("balance of its own account, min", "mJ", lambda of: of["env_slack_J"], millijoule),
     _Row("put in by its motors", "mJ", lambda of: of["env_supplied_J"], millijoule),
@@ -248,7 +249,10 @@ def felt_line(summary: Summary) -> str:
     force, torque = known(moved["peak_force_N"]), known(moved["peak_torque_Nm"])
     if wall is not None and hand is not None:
         unit = within(units, "N/m")
-        stiff, soft = f"The wall of {rounded(wall)} {unit}", f"like {rounded(hand)} {unit}"
+        limit = known(surroundings["local_limit_N_m"])
+        share = "" if limit is None or limit < hand else f" of the {rounded(limit)} {unit} that this device can render"
+        stiff = f"The wall of {rounded(wall)} {unit}"
+        soft = f"like {rounded(hand)}{share}" if share else f"like {rounded(hand)} {unit}"
         return f"{stiff} was not touched; it would feel {soft}." if moved["contacts"] == 0 else f"{stiff} felt {soft}."
     if force is None:
         return ""

@@ -51,7 +51,7 @@ KINDS: dict[str, dict[str, object]] = {
     "scaled follower": {"scene": "box", "follower.robot": "simulated", "follower.motion_scale": 0.5},
     "paper's rendering": {"rendering": "paper"},
     "own law": {"coupling": "examples.own_law:Mine"},
-    **{law: {"coupling": law} for law in ("zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd")},
+    **{law: {"coupling": law} for law in ("zoh", "popc", "tdpa", "eba", "wave", "digital-wave", "pd", "two-layer")},
 }
 """Every kind of scene, device, follower and law."""
 
@@ -228,7 +228,7 @@ def test_defaults_of_a_scene_are_overridden_by_any_value(
 
 
 def test_a_ceiling_that_was_set_does_not_follow_a_stiff_spring() -> None:
-    device = {"device.own_damping": 3.0}
+    device = {"device.own_damping": 3.0, "device.watchdog_s": 0.03}
     plain, asked = prepare(device).params, prepare({**device, "device.ceiling_J": 0.1}).params
     assert plain.device.ceiling_J > 0.1
     assert (plain.source("device.ceiling_J"), asked.device.ceiling_J) == (RULE, 0.1)

@@ -202,6 +202,23 @@ def test_planes_side_by_side_share_the_proxys_force(depth: float, wrong: float) 
     assert y[0] == pytest.approx(depth, abs=2e-5)
 
 
+@pytest.mark.parametrize("angle", [15.0, 60.0, 90.0, 120.0, 165.0])
+@pytest.mark.parametrize("behind", [0.002, -0.002, -0.03])
+def test_planes_at_an_angle_are_not_shifted_by_one_anothers_force(angle: float, behind: float) -> None:
+    """The first plane is touched, the second too or not; both are right, so the force agrees with them."""
+    normals = [(1.0, 0.0), (math.cos(math.radians(angle)), math.sin(math.radians(angle)))]
+    m, proxy, depths = model((0.01, 0.0)), (0.004, 0.0), (0.004, behind)
+    pushes = [K_WALL * max(0.0, depth) for depth in depths]
+    force = tuple([-sum(push * n[i] for push, n in zip(pushes, normals, strict=True)) for i in range(2)])
+    planes = tuple(
+        [Plane(n, 0.004 * n[0] - depth, K_WALL, 10.0) for n, depth in zip(normals, depths, strict=True)]
+    )  # fmt: skip
+    for k in range(5):
+        m.receive(reported(planes, proxy, force), 0.02 * k, 0.0)
+        after(m, (0.01, 0.0), 0.02)
+    assert m.shift == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
 def test_a_shift_is_forgotten_out_of_contact() -> None:
     m = model((0.01,))
     for _ in range(2):  # what a plane says in its first message proves nothing

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
-from hapnet.control.prediction import MotionPredictor, PredictedDevice, depth_ahead
+from hapnet.control.predicted_device import PredictedDevice
+from hapnet.control.prediction import MotionPredictor, depth_ahead
 from hapnet.mechanics.plane import Plane
 
 STOP_S = 0.015

@@ -1,10 +1,13 @@
 """The world's prediction of the device: exact for what it assumes, bounded otherwise, and in step with the proxy."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hapnet.control.prediction import MOST, MotionPredictor, PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
+from hapnet.control.prediction import MOST, TRUST_KEPT, TRUST_M, MotionPredictor
 from hapnet.control.reporter import SampleReporter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall
@@ -130,3 +133,43 @@ def test_of_more_positions_than_there_is_room_for_the_newest_count() -> None:
     fitted = np.polyfit(times[-MOST:] - times[-1], places[-MOST:], 2)
     (found,), _ = predictor.at(0.1)
     assert found == pytest.approx(np.polyval(fitted, 0.1), rel=1e-6)
+
+
+def compared(motion: Any, ahead: float, seconds: float) -> tuple[MotionPredictor, list[float], list[float]]:
+    """A predictor that was fed every 5 ms, and asked each time; and the predicted and the real travels by numpy's fit,
+    for those predictions that were compared: one after another."""
+    predictor = MotionPredictor(**WINDOW)
+    told, real = [], []
+    due = -1.0
+    for k in range(round(seconds / 0.005)):
+        t = 0.005 * k
+        predictor.receive((float(motion(t)),), t)
+        if k >= 12 and t >= due - 1e-9:
+            times = t - 0.005 * np.arange(13)
+            curve = np.polyfit(times - t, [motion(one) for one in times], 2)
+            tangent = min(ahead, 0.1)
+            told.append(float(curve[1] * ahead + curve[0] * tangent * (2.0 * ahead - tangent)))
+            real.append(float(motion(t + ahead) - curve[2]))
+            due = t + ahead
+        if k >= 12:
+            predictor.at(ahead)
+    return predictor, told[:-1], real[:-1]
+
+
+@pytest.mark.parametrize(("hz", "least", "most"), [(0.3, 0.9, 1.0), (1.0, 0.6, 1.0), (4.0, 0.0, 0.2)])
+def test_a_prediction_is_trusted_as_far_as_it_has_proved_right(hz: float, least: float, most: float) -> None:
+    """A slow hand is predicted, and one that writes is not: the share with the least squared error, with old
+    predictions forgotten."""
+    predictor, told, real = compared(lambda t: 0.03 * np.sin(2.0 * np.pi * hz * t), 0.15, 12.0)
+    right = whole = TRUST_M**2
+    for d, r in zip(told, real, strict=True):
+        right, whole = TRUST_KEPT * right + d * r, TRUST_KEPT * whole + d * d
+    assert predictor.trust == pytest.approx(min(1.0, max(0.0, right / whole)), abs=0.02)
+    assert least <= predictor.trust <= most
+
+
+def test_a_new_device_is_trusted_again() -> None:
+    predictor, _, _ = compared(lambda t: 0.03 * np.sin(2.0 * np.pi * 4.0 * t), 0.15, 6.0)
+    assert predictor.trust < 0.2
+    predictor.reset()
+    assert predictor.trust == 1.0

@@ -106,7 +106,7 @@ def test_auto_is_the_laws_own() -> None:
     assert staged == {"pspm", "zoh"}
     assert prepare({"coupling": "popc"}).params.rendering == "auto"
     assert prepare({"coupling": "popc"}).params.device.stiffness == 100.0
-    assert prepare({"coupling": "popc", "rendering": "hapnet"}).params.device.stiffness == 200.0  # by rule, as of zoh
+    assert prepare({"coupling": "popc", "rendering": "hapnet"}).params.device.stiffness == 600.0  # by rule, as of zoh
 
 
 def test_an_older_recording_of_a_law_without_set_positions_can_be_run_again() -> None:

@@ -26,7 +26,7 @@ PAPER = {
     "rendering": "paper", "device.resolution_m": 2e-5, "tdpa.predict": True, "device.force_limit_N": 2.0,
     "device.servo": "sampled",
 }  # fmt: skip
-OF_ONE_STIFFNESS = {"tdpa", "wave", "digital-wave", "pd"}
+OF_ONE_STIFFNESS = {"tdpa", "wave", "digital-wave", "pd", "two-layer"}
 LOSSY = {"link.up": "delay 40ms 10ms loss 20%", "link.down": "delay 20ms loss 20%"}
 """Not with a contact model: of the box's six walls the first four are sent of those that are as near as others."""
 RUN = {"scene": "box", "dof": 3, "duration_s": 1.5, "world.wall.half_width_m": 0.012, "record_hz": 1000.0}

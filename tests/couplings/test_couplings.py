@@ -12,7 +12,7 @@ import pytest
 from hapnet.assembly.build import prepare
 from hapnet.control.coupling import LawState
 from hapnet.couplings.link_delays import delays
-from hapnet.couplings.registry import COUPLINGS, ideal_stiffness, limited
+from hapnet.couplings.registry import COUPLINGS, ideal_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
@@ -198,10 +198,3 @@ def test_a_real_network_under_the_link_counts_in_what_a_law_is_tuned_for() -> No
     assert delays(link, link, 0.1) == pytest.approx((0.06, 0.12))
     stiff, soft = (prepare(Params().set({"coupling": "pd", "link.path_s": path})).tuning for path in (0.0, 0.3))
     assert soft.stiffness_N_m < 0.6 * stiff.stiffness_N_m
-
-
-def test_which_couplings_limit_set_positions() -> None:
-    """The live page's switch is on for these: of ours only PSPM; of a user's own it cannot be known."""
-    assert [name for name in COUPLINGS if limited(name)] == ["pspm"]
-    assert not limited("examples.own_law:Mine")
-    assert not limited("")

@@ -4,41 +4,54 @@ import pytest
 
 from hapnet.assembly.choices import choosing
 from hapnet.assembly.springs import spring
-from hapnet.couplings.stiffness import default_stiffness
+from hapnet.couplings.stiffness import default_stiffness, local_limit, through
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
 
 
 @pytest.mark.parametrize(
-    ("own", "B", "hz", "declared", "K"),
+    ("own", "hz", "declared", "exact", "limit"),
     [
-        (0.3, 0.1, 1000.0, None, 200.0),  # half of 2 (b - B)/T = 400
-        (0.3, 0.1, 500.0, None, 100.0),
-        (0.3, 0.1, 5000.0, None, 350.0),  # nobody declared that it renders more
-        (0.0, 0.1, 1000.0, None, 100.0),  # nothing is known
-        (0.0, 0.1, 1000.0, (1.0, 1000.0), 350.0),  # a declaration alone
-        (0.0, 0.1, 1000.0, (1.0, 500.0), 250.0),
-        (0.0, 0.1, 1000.0, (600.0, 1000.0), 600.0),  # not less than the device can
-        (0.09, 0.1, 1000.0, (1.0, 1000.0), 100.0),  # known, and too little for any held spring
-        (0.3, 0.1, 1000.0, (1.0, 700.0), 200.0),
-        (0.15, 0.1, 1000.0, None, 100.0),  # at least the paper's
-        (0.15, 0.1, 1000.0, (1.0, 60.0), 60.0),  # but not what the device cannot
+        (0.3, 1000.0, None, True, 600.0),  # 2 b/T
+        (0.3, 4000.0, None, True, 2400.0),
+        (0.0, 1000.0, None, True, 0.0),  # nothing is known
+        (0.0, 1000.0, (1.0, 1000.0), False, 1000.0),  # a declaration alone
+        (0.3, 1000.0, (1.0, 1000.0), True, 600.0),  # the smaller one, if the damping is known
+        (0.6, 1000.0, (1.0, 1000.0), True, 1000.0),
+        (0.1, 1000.0, (1.0, 1000.0), False, 1000.0),  # a lower bound makes no device softer
+        (0.3, 1000.0, None, False, 600.0),
     ],
 )  # fmt: skip
-def test_the_rule(own: float, B: float, hz: float, declared: tuple[float, float] | None, K: float) -> None:
-    assert default_stiffness(own, B, hz, declared) == K
+def test_the_local_limit(
+    own: float, hz: float, declared: tuple[float, float] | None, exact: bool, limit: float
+) -> None:
+    assert local_limit(own, hz, declared, exact=exact) == limit
 
 
-def test_a_measured_lower_bound_of_the_damping_makes_no_spring_softer() -> None:
-    for declared in (None, (1.0, 300.0), (1.0, 1000.0), (1.0, 14_500.0)):
-        chosen = [default_stiffness(b, 0.1, 1000.0, declared, exact=False) for b in (0.0, 0.05, 0.23, 0.4, 1.0, 20.0)]
-        assert chosen == sorted(chosen)
-    assert default_stiffness(1.0, 0.1, 1000.0, (1.0, 14_500.0), exact=False) == 900.0  # half of 2 (b - B)/T
+@pytest.mark.parametrize(
+    ("limit", "declared", "K"),
+    [
+        (600.0, None, 600.0),
+        (14_500.0, (1.0, 14_500.0), 3500.0),  # a wall of 3000 N/m is felt as 3000 N/m: K' + K_w
+        (0.0, None, 100.0),  # nothing is known: the paper's
+        (30.0, (1.0, 60.0), 60.0),  # but not what the device cannot
+        (60.0, (1.0, 60.0), 60.0),
+        (500.0, (600.0, 1000.0), 600.0),  # not less than the device can
+    ],
+)
+def test_the_rule(limit: float, declared: tuple[float, float] | None, K: float) -> None:
+    assert default_stiffness(limit, 3500.0, declared) == K
+
+
+def test_no_wall_is_felt_stiffer_than_it_is() -> None:
+    for wall in (200.0, 3000.0):
+        K = default_stiffness(1e6, 500.0 + wall)
+        assert through([K, 500.0], wall) == pytest.approx(wall)
 
 
 def test_a_count_of_the_encoders_changes_the_force_by_a_twentieth_of_a_newton_at_most() -> None:
-    stiffness = default_stiffness(1.0, 0.1, 4000.0, (1.0, 10_000.0), resolution_m=55e-6)
+    stiffness = default_stiffness(10_000.0, 3500.0, (1.0, 10_000.0), resolution_m=55e-6)
     assert stiffness == pytest.approx(0.05 / 55e-6, abs=0.01)
 
 
@@ -57,9 +70,9 @@ def test_the_papers_feel_has_the_papers_spring() -> None:
 
 
 def test_a_run_records_the_number() -> None:
-    assert choosing(Params(), spring).device.stiffness == 200.0
+    assert choosing(Params(), spring).device.stiffness == 600.0
     meta = simulate({"duration_s": 0.1}).recording.meta
-    assert meta["params"]["device"]["stiffness"] == 200.0
+    assert meta["params"]["device"]["stiffness"] == 600.0
 
 
 def test_a_stiffness_below_zero_is_refused() -> None:
@@ -69,21 +82,23 @@ def test_a_stiffness_below_zero_is_refused() -> None:
 
 def test_a_range_that_is_declared_counts() -> None:
     made = choosing(Params().set({"device.own_damping": 0.0, "device.stiffness_range": (1.0, 300.0)}), spring)
-    assert made.device.stiffness == 150.0
+    assert made.device.stiffness == 300.0
 
 
-def needed_J(K: float) -> float:
-    """A force F = K s that is held for h = 21 ms at 1 m/s gives out F h - F^2/2K at most, up to 3.3 N, of which the
-    damper (0.1 Ns/m) has 0.1. Half of the ceiling is kept for it."""
-    spring = min(3.2, 0.021 * K)
-    return 2.0 * (0.021 * (spring + 0.1) - spring * spring / (2.0 * K))
+def needed_J(K: float, held_s: float = 0.021) -> float:
+    """A force F = K s that is held for h at 1 m/s gives out F h - F^2/2K at most, up to 3.3 N, of which the
+    damper (0.1 Ns/m) has 0.1. 0.7 of the ceiling is kept for it."""
+    spring = min(3.2, held_s * K)
+    return 1.0 / 0.7 * (held_s * (spring + 0.1) - spring * spring / (2.0 * K))
 
 
 def test_the_ceiling_follows_the_spring() -> None:
-    made = choosing(Params().set({"device.own_damping": 0.6}), spring).device
-    assert made.stiffness == 350.0
-    assert needed_J(350.0) <= made.ceiling_J <= needed_J(350.0) + 1e-3
-    assert choosing(Params(), spring).device.ceiling_J == 0.1  # enough for 200 N/m
+    slow = {"device.own_damping": 0.6, "device.watchdog_s": 0.03}
+    made = choosing(Params().set(slow), spring).device
+    assert made.stiffness == 1200.0
+    needed = needed_J(1200.0, held_s=0.031)
+    assert 0.1 < needed <= made.ceiling_J <= needed + 1e-3
+    assert choosing(Params(), spring).device.ceiling_J == 0.1  # enough for 600 N/m
 
 
 def test_the_spring_is_never_stiffer_than_a_ceiling_that_was_set_covers() -> None:
@@ -118,4 +133,4 @@ def test_one_axis_without_stiffness_is_refused() -> None:
 def test_the_other_laws_keep_the_spring_they_were_tuned_with() -> None:
     for name in ("popc", "pd", "tdpa", "wave"):
         assert choosing(Params().set({"coupling": name}), spring).device.stiffness == 100.0
-    assert choosing(Params().set({"coupling": "zoh"}), spring).device.stiffness == 200.0
+    assert choosing(Params().set({"coupling": "zoh"}), spring).device.stiffness == 600.0

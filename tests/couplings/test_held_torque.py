@@ -12,6 +12,7 @@ from hapnet.control.reserve import spendable
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Result, Simulation, simulate
+from tests.support.own_motion import beyond
 from tests.support.paper import PAPER
 
 LIGHT = {
@@ -20,13 +21,15 @@ LIGHT = {
 }  # fmt: skip
 
 
-def held_forces(monkeypatch: pytest.MonkeyPatch) -> list[Vector]:
-    """Every force that the actuators are given from now on."""
+def held_forces(monkeypatch: pytest.MonkeyPatch, places: list[Vector] | None = None) -> list[Vector]:
+    """Every force that the actuators are given from now on; `places` gets the positions at those ticks."""
     forces: list[Vector] = []
     apply = SimulatedDevice.apply
 
     def noted(device: SimulatedDevice, force: Vector) -> Vector:
         forces.append(apply(device, force))
+        if places is not None:
+            places.append(device.position)
         return forces[-1]
 
     monkeypatch.setattr(SimulatedDevice, "apply", noted)
@@ -63,14 +66,17 @@ def test_an_empty_reservoir_leaves_no_held_torque_to_leak(words: dict[str, objec
 @pytest.mark.parametrize("step", [0.5, 0.02])
 def test_the_rendered_force_never_steps_by_more_than_its_limit(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """2000 N/m and a light hand over 4g used to step by 2.51 N where 0.5 N were allowed, the reservoir empty."""
-    forces = held_forces(monkeypatch)
+    places: list[Vector] = []
+    forces = held_forces(monkeypatch, places)
     words = {"device.stiffness": 2000.0, "world.stiffness": 1e4, "device.step_limit_N": step}
     result = simulate(PAPER.set({**LIGHT, **words}), seed=1, kernel=False)
     kept(result)
     held = np.array([(0.0,), *forces[:-1]])  # the last one is the end's, which takes the force away at once
+    at = np.array([(0.0,), *places[:-1]])
     assert len(held) >= 5000
-    steps = np.abs(np.diff(held[:, 0]))
-    assert steps.max() <= step * (1.0 + 1e-12)
+    by_hand = -2000.0 * np.diff(at, axis=0)
+    steps = np.array([beyond(*one) for one in zip(held[1:], held[:-1], by_hand, strict=True)])
+    assert steps.max() <= step * (1.0 + 1e-9)
     assert steps.max() > 0.99 * step  # it was asked for
 
 

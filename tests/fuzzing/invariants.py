@@ -29,6 +29,7 @@ from hapnet.wire.messages import (
 from tests.fuzzing.decoder import BAD_FRAMES, Broken, allowed, hold
 from tests.fuzzing.mutator import BYE, ENERGY, MOTION, PORT, POSITION, PROXY, SIGNALS, WAVE, WELCOME
 from tests.fuzzing.numbers import Numbers
+from tests.support.own_motion import beyond
 
 KEYS = dict.fromkeys((POSITION, MOTION, PORT, WAVE, PROXY), "position") | {ENERGY: "energy", SIGNALS: "signals"}
 """The key of a kind; of any other: control."""
@@ -272,6 +273,8 @@ class Audited:
         self.ceiling = ceiling
         self.updates = 0
         self._stored = 0.0
+        self._x: Vector | None = None  # at the last update; and ybar after it
+        self._ybar: Vector = ()
         self._K: list[list[float]] = modulator.spring.K.tolist()
         limit = modulator.spring.force_limit
         largest = modulator.spring.ellipsoid.largest
@@ -331,7 +334,8 @@ class Audited:
         hold(abs(left - kept) <= ROUNDING * scale, "energy from nothing:", left, "became", kept, result)
         if y != x:  # letting the spring go knows no limit
             reserve: float = getattr(self.inner, "reserve", 0.0)
-            self._check_step(start, ybar, x, before, account + received + dissipated + before - reserve)
+            self._check_step(start, ybar, x, account + received + dissipated + before - reserve)
+        self._x, self._ybar = x, ybar
         self._stored = after
         self.updates += 1
         return result
@@ -354,13 +358,18 @@ class Audited:
             hold(level is not None and level > peer_level + 0.1, "a level of", level, "gave to", peer_level)
         return given
 
-    def _check_step(self, start: Vector, ybar: Vector, x: Vector, before: float, at_hand: float) -> None:
-        """The step limit; where a measured, negative D leaves less than the spring holds, ybar must yield too."""
+    def _check_step(self, start: Vector, ybar: Vector, x: Vector, at_hand: float) -> None:
+        """The step limit, beyond the own motion; where the energy does not suffice, ybar must yield too. A proxy that
+        was carried took ybar along since the last update: that part of its motion changed no force."""
+        if self._x is None:
+            return
+        own = tuple([a - b - (c - d) for a, b, c, d in zip(x, self._x, start, self._ybar, strict=True)])
         yielding = 0.0
-        if at_hand < before and before > 0.0:
-            s, minimum = self._length(before), self._length(max(0.0, at_hand))
-            yielding = math.dist(x, start) * (1.0 - minimum / s)
-        step = math.dist(start, ybar)
+        for end in (start, tuple([a + b for a, b in zip(start, own, strict=True)])):
+            if at_hand < (stored := self._potential(x, end)) and stored > 0.0:
+                s, minimum = self._length(stored), self._length(max(0.0, at_hand))
+                yielding = max(yielding, math.dist(x, end) * (1.0 - minimum / s))
+        step = beyond(ybar, start, own)
         rounding = ROUNDING * (math.hypot(*start) + math.hypot(*ybar) + math.hypot(*x)) + 1e-8 * yielding
         limit = self.max_step + yielding + rounding
         hold(step <= limit, "step", step, "limit", self.max_step, "yielding", yielding)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hapnet.assembly.build import Setup, device_session, device_side, prepare, world_session, world_side
+from hapnet.checks import Vector
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.params import Params
 from hapnet.side.device import DeviceSide
@@ -116,19 +117,24 @@ class Plant:
         if self.endpoint.started:
             self._check()
 
+    @property
+    def x(self) -> Vector:
+        """The position of the device, or of the proxy [m]."""
+        side = self.side
+        if isinstance(side, SampledDeviceSide):
+            return side.x
+        return side.device.read()[0] if isinstance(side, DeviceSide) else side.mass.position
+
     def _check(self) -> None:
         side, coupling = self.side, self.coupling
         if self._audited is None:
             self._audited = Audited(coupling.modulator, self.max_step, self._ceiling)
             coupling.modulator = self._audited
+        x = self.x
         if isinstance(side, SampledDeviceSide):
-            x = side.x
             force = math.hypot(*side.servo.force)
             hold(force <= self.setup.params.device.force_limit_N * (1.0 + 1e-12), "the servo asks for", force, "N")
-        elif isinstance(side, DeviceSide):
-            x, _ = side.device.read()
-        else:
-            x = side.mass.position
+        elif not isinstance(side, DeviceSide):
             hold(all(map(math.isfinite, side.mass.velocity)), "velocity", side.mass.velocity)
         check_coupling(coupling, x, self.force_limit)
 

@@ -16,6 +16,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
 from hapnet.plant.worlds.moving_wall import MovingWall
 from hapnet.simulation.simulation import Simulation
+from tests.support.own_motion import largest_step
 
 CHANGES = {
     "moves by 3 mm": "shift 3mm",
@@ -77,7 +78,8 @@ def denied(
     device, summary = result.recording.device, result.summary
     force, x = device["force_N"], device["position_m"]
     slack = min(summary[side]["ledger"]["slack_J"] for side in ("device", "world"))  # type: ignore[literal-required]
-    step = float(np.linalg.norm(np.diff(force, axis=0), axis=1).max())
+    K: Any = run.setup.params.device.stiffness
+    step = largest_step(force, x, K)
     right = wrong = None
     if words:
         since = run.world.origin_ns + round(at_s * 1e9)  # the wall's clock begins with the world's first step

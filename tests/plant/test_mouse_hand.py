@@ -15,6 +15,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.operator import Impedance
 from hapnet.simulation.simulation import Simulation
 from tests.conftest import mostly_slow
+from tests.support.own_motion import largest_step
 
 K_WORLD, K_WALL, WALL_M, GOAL_M = 500.0, 3000.0, 0.02, 0.04
 HAND = led(Params()).operator_model
@@ -23,7 +24,7 @@ IMPEDANCE = Impedance(HAND.mass, HAND.damping, HAND.stiffness)
 
 def pressed_N(rendering: str) -> float:
     """The force when the hand aims at `GOAL_M`: the springs of hand, device, proxy and wall in series."""
-    K = 100.0 if rendering == "paper" else 200.0
+    K = 100.0 if rendering == "paper" else 600.0
     series = K * K_WALL / (K_WALL + K_WORLD)  # what the handle feels per depth, at rest [N/m]
     return (GOAL_M - WALL_M) * HAND.stiffness * series / (HAND.stiffness + series)
 
@@ -67,7 +68,10 @@ def test_the_defaults_feel_right_at_once() -> None:
 
 @pytest.mark.parametrize("label", mostly_slow(CHOICES, 3))
 def test_another_pair_begins_where_the_handle_is_without_force(label: str) -> None:
-    """With the handle in the wall: no force at first, steps within PSPM's limit, and the hand does not leave."""
+    """With the handle in the wall: no force at first, steps within the limit, and the hand stays there or comes back.
+
+    The wall is felt one round trip late, so a light hand swings into it first and bounces off the stiff one.
+    """
     coupling, rendering = CHOICES[label]
     pressed = pressed_N(rendering or "hapnet")
     x = GOAL_M - pressed / HAND.stiffness
@@ -83,8 +87,10 @@ def test_another_pair_begins_where_the_handle_is_without_force(label: str) -> No
     force = device["force_N"][:, 0]
     assert abs(force[0]) < 0.01
     assert device["margin_J"][0] > 0.04  # a fresh account
-    assert device["position_m"][:, 0].min() > WALL_M  # it stays in the wall
+    assert device["position_m"][:, 0].min() > WALL_M - 0.005
+    assert device["position_m"][500:, 0].min() > WALL_M
     if coupling == "pspm":
-        assert np.abs(np.diff(force)).max() <= 0.5 + 1e-9
+        K = begun.setup.params.device.stiffness
+        assert largest_step(device["force_N"], device["position_m"], K) <= 0.5 + 1e-9
         assert force[-200:].mean() == pytest.approx(-pressed, rel=0.2)
     assert force[-1] < -0.1

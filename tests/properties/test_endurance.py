@@ -44,18 +44,19 @@ def check(run: Long) -> None:
 
 
 def test_a_minute_of_a_hand_at_a_wall() -> None:
-    run = long_run("4g", "hand-21", 60.0, "pspm", {})
+    """A light hand bounces in a stiff wall of the delayed world: not more often than with the plain spring."""
+    run, plain = (long_run("4g", "hand-21", 60.0, coupling, {}) for coupling in ("pspm", "zoh"))
     check(run)
     assert run.modulated <= 2.0
-    assert run.contacts <= 1.2
+    assert run.contacts <= 1.1 * plain.contacts
 
 
 @pytest.mark.parametrize("name", mostly_slow(["bracket", "moving", "ball"], 0, 2))
 def test_a_minute_of_a_hand_at_other_worlds(name: str, tmp_path: Path) -> None:
-    run = long_run("4g", "hand-22", 60.0, "pspm", SCENES[name](tmp_path))
+    run, plain = (long_run("4g", "hand-22", 60.0, coupling, SCENES[name](tmp_path)) for coupling in ("pspm", "zoh"))
     check(run)
     assert run.modulated <= 2.0
-    assert run.contacts <= 1.4
+    assert run.contacts <= 1.1 * plain.contacts
 
 
 def test_a_world_without_delay_is_the_wall_of_the_equation() -> None:
@@ -65,12 +66,12 @@ def test_a_world_without_delay_is_the_wall_of_the_equation() -> None:
         for scene, dof in (("wall", 1), ("sphere", 3))
     )
     found, own = undelayed(flat), ideal_force(flat, position(flat))
-    assert found.force_N == pytest.approx(own, abs=0.01)
+    assert found.force_N == pytest.approx(own, abs=0.03)  # of a spring of 600 N/m: 0.05 mm, as the hand touches
     assert np.mean(found.touching != (own != 0.0)[:, 0]) < 0.002
     away = position(bent) - np.array((0.05, 0.0, 0.0))
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     felt = ideal_force(bent, WALL_M + 0.03 - distance)
-    assert undelayed(bent).force_N == pytest.approx(-felt * away / distance, abs=0.01)
+    assert undelayed(bent).force_N == pytest.approx(-felt * away / distance, abs=0.03)
     assert found.touching.any()
     assert felt.any()
 
@@ -92,7 +93,7 @@ def test_each_part_of_the_economy_earns_something(part: str, rest: str) -> None:
         for changes in (PARTS[rest], {**PARTS[rest], **PARTS[part]})
     ]
     kept, starved = runs
-    assert starved.modulated > 15.0 > 3.0 * kept.modulated
+    assert starved.modulated > 4.0 > 1.5 * kept.modulated
     assert starved.passive
 
 
@@ -122,7 +123,8 @@ def test_ten_minutes_over_every_link(link: str) -> None:
         check(run)
         assert run.modulated <= 2.0 or link == "intercontinental"
     assert statistics.median(run.modulated for run in runs) <= 2.0
-    assert statistics.median(run.contacts for run in runs) <= 1.2
+    contacts, bounces = (statistics.median(run.contacts for run in each) for each in (runs, plain))
+    assert contacts <= 1.1 * bounces
     last, plains = (statistics.median(run.last_mm for run in each) for each in (runs, plain))
     assert last <= 1.05 * plains
     grown, plainly = (statistics.median(run.last_mm / run.first_mm for run in each) for each in (runs, plain))

@@ -188,7 +188,7 @@ def test_a_ledger_that_stops_half_way_is_seen(servo: str, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("limit", "case", "word"), [("limit", 58, "force asked for"), ("step", 64, "step"), ("reach", 50, "device margin")]
+    ("limit", "case", "word"), [("limit", 58, "force asked for"), ("step", 64, "step"), ("reach", 46, "device margin")]
 )
 def test_a_limit_of_the_held_force_that_is_ignored_is_seen(
     limit: str, case: int, word: str, monkeypatch: pytest.MonkeyPatch

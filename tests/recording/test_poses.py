@@ -102,7 +102,7 @@ def test_the_text_says_degrees_and_newton_metres(result: Result) -> None:
     lines = brief(read(result.summary))
     assert "° free" in lines[0]
     assert lines[1].split(",")[0].endswith(" Nm")
-    assert lines[2].endswith("through springs of 200 and 500 N/m, 0.64 and 1.6 Nm/rad")  # 2 K l^2
+    assert lines[2].endswith("through springs of 600 and 500 N/m, 1.92 and 1.6 Nm/rad")  # 2 K l^2
     labels = {label for label, *_ in motion(read(result.summary)).rows}
     assert {"angle between, free (rms) [°]", "torque, largest [Nm]"} <= labels
 

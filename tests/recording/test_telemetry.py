@@ -100,7 +100,7 @@ DEVICE = DeviceSample(1, (0.0,), (0.0,), (0.0,), (0.0,), None, *[0.0] * 7, None)
         ([VERSION, "planes"], "neither"),
         ([VERSION, "planes", 3], "planes is 3; allowed: array"),
         ([VERSION, "planes", [WALL._replace(normal=(1.0, 1.0))[:5]]], "normal"),
-        ([VERSION, "planes", [WALL[:5]] * 5], "planes is of length 5; allowed: array of length <= 4"),
+        ([VERSION, "planes", [WALL[:5]] * 9], "planes is of length 9; allowed: array of length <= 8"),
         ([VERSION, "planes", [WALL[:5]], [[[[1.0, 0.0], 30.0]]]], "perpendicular to the others"),
         ([VERSION, "planes", [WALL[:5]], []], "one element for each plane"),
         ([VERSION, "status", {"role": "device"}], "other fields"),

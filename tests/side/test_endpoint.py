@@ -9,7 +9,8 @@ from hapnet.control.deadband import Deadband
 from hapnet.control.ledger import Ledger
 from hapnet.control.limits import Silence
 from hapnet.control.pspm import SetPositionModulator
-from hapnet.control.set_position_coupling import SetPositionCoupling, SetPositionSteps
+from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.control.smoothing import Pipeline
 from hapnet.side.endpoint import BACKLOG, ControlHalf, DeviceEndpoint, WorldControl
 from hapnet.wire import messages

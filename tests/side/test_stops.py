@@ -18,7 +18,7 @@ FIRST = [*zip(KINDS, CAUSES, strict=False), *[one for one in CELLS if one not in
 def test_the_robot_stands_still_0_2_s_and_one_way_later(kind: str, cause: str, tmp_path: Path) -> None:
     before, after = moved_mm(kind, cause, tmp_path, 1)
     assert before > 5.0, "it was moving"
-    assert after < 2.0
+    assert after < 2.5
 
 
 @pytest.mark.slow
@@ -26,7 +26,7 @@ def test_the_robot_stands_still_0_2_s_and_one_way_later(kind: str, cause: str, t
 def test_a_robot_that_is_released_has_no_force(kind: str, cause: str, tmp_path: Path) -> None:
     before, after = moved_mm(kind, cause, tmp_path, 2, **{"follower.on_stop": "release"})
     assert before > 5.0
-    assert after < 2.0
+    assert after < 2.5
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 
 from hapnet.assembly.scenes import for_its_scene
 from hapnet.checks import Vector
-from hapnet.control import continuous_servo, set_position_coupling as couplings
+from hapnet.control import continuous_servo, set_position_coupling as couplings, set_position_steps
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import held_torque
 from hapnet.errors import HapnetError, InvalidParameter
@@ -195,7 +195,7 @@ class Watch:
             self.hand += max(0.0, work)
             return work
 
-        for module in (couplings, continuous_servo):  # where the world's end calls it, and the device's
+        for module in (set_position_steps, continuous_servo):  # where the world's end calls it, and the device's
             patch.setattr(module, "update", watched_update)
         patch.setattr(SimulatedDevice, "advance", watched_advance)
         patch.setattr(SimulatedDevice, "run", watched_run)

@@ -42,7 +42,7 @@ def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
     assert reported["env_stored_J"] == pytest.approx(stored(result.recording)[-1], abs=1e-12)
     assert reported["env_supplied_J"] == 0.0
     assert slack[-1] > 1e-5  # a damper was at work: the account is not idle
-    assert stored(result.recording).max() > 1e-3
+    assert stored(result.recording).max() > 5e-4
     hand = result.summary["hand"]["work_J"]
     assert result.summary["verdict"]["reason"].endswith(f"energy came from the hand ({hand * 1e3:.4g} mJ)")
 

@@ -60,9 +60,9 @@ def test_no_wall_is_felt_stiffer_than_the_devices_spring(K: float, K_world: floa
     ("changes", "wall", "springs"),
     [
         ({"device.stiffness": 400.0}, 3000.0, [400.0, 500.0]),
-        ({"scene": "box", "world.wall.stiffness": 50.0}, 50.0, [200.0, 500.0]),
-        ({"scene": "moving"}, 3000.0, [200.0, 500.0]),
-        ({"scene": "sphere"}, 3000.0, [200.0, 500.0]),
+        ({"scene": "box", "world.wall.stiffness": 50.0}, 50.0, [550.0, 500.0]),
+        ({"scene": "moving"}, 3000.0, [600.0, 500.0]),
+        ({"scene": "sphere"}, 3000.0, [600.0, 500.0]),
         ({"scene": "sphere", "rendering": "paper"}, 3000.0, [100.0, 500.0]),
         ({"coupling": "pd", "link.up": "", "link.down": ""}, 3000.0, [100.0]),
         ({"coupling": "pd", "pd.stiffness": 10.0}, 3000.0, [10.0]),
@@ -110,7 +110,7 @@ def test_a_torn_recording_still_says_it(tmp_path: Any) -> None:
     recording = simulate(Params().set({"duration_s": 0.3}), 1).recording
     save(recording, tmp_path / "run.mcap")
     reported = from_recording(read_recording(tmp_path / "run.mcap"))["environment"]
-    assert reported["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
+    assert reported["felt_stiffness_N_m"] == pytest.approx(600.0 * 3000.0 / 3500.0)
 
 
 def test_in_words() -> None:
@@ -126,7 +126,7 @@ def test_in_words() -> None:
 def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> None:
     short = ["--duration", "0.3", "--no-files"]
     assert cli.main(["simulate", *short, "-v"]) == 0
-    assert capsys.readouterr().out.count("wall: 3000 N/m, felt as 171.4 N/m through springs of 200 and 500 N/m\n") == 1
+    assert capsys.readouterr().out.count("wall: 3000 N/m, felt as 514.3 N/m through springs of 600 and 500 N/m\n") == 1
     assert cli.main(["simulate", *short, "--scene", "free"]) == 0
     assert "felt" not in capsys.readouterr().out
     assert cli.main(["simulate", *short, "-v"]) == 0
@@ -135,7 +135,7 @@ def test_a_run_says_it_once_and_one_without_walls_does_not(capsys: Capture) -> N
     assert cli.main(["simulate", *short, "--json", "-"]) == 0
     environment = json.loads(capsys.readouterr().out)["environment"]
     assert environment["stiffness_N_m"] == 3000.0
-    assert environment["felt_stiffness_N_m"] == pytest.approx(200.0 * 3000.0 / 3500.0)
+    assert environment["felt_stiffness_N_m"] == pytest.approx(600.0 * 3000.0 / 3500.0)
 
 
 SILENT = replace(Mine, springs=CouplingSpec.springs)
@@ -149,4 +149,9 @@ def test_a_law_of_the_users_own_says_its_springs_or_nothing_is_claimed() -> None
     assert own["springs_N_m"] == [10.0]
     assert own["felt_stiffness_N_m"] == pytest.approx(1.0 / (1.0 / 10.0 + 1.0 / 3000.0))
     silent = prepare(Params().set({"coupling": f"{__name__}:SILENT"})).felt
-    assert silent == {"stiffness_N_m": 3000.0, "felt_stiffness_N_m": None, "springs_N_m": None}
+    assert silent == {
+        "stiffness_N_m": 3000.0,
+        "felt_stiffness_N_m": None,
+        "springs_N_m": None,
+        "local_limit_N_m": 600.0,
+    }

@@ -50,14 +50,16 @@ def test_the_path_is_the_same_with_a_stranger_who_repeats_frames(coupling: str, 
         Repeated(params, 3, repeats=repeats, secrets=secrets).run().summary["path"] for repeats in (False, True)
     )
     for key in ("round_trip_min_ms", "round_trip_p50_ms", "round_trip_p99_ms"):
-        assert watched[key] == pytest.approx(alone[key], rel=0.05), key
+        assert watched[key] == pytest.approx(alone[key], rel=0.1), (
+            key
+        )  # both draw anew; what he repeats is up to 2 s old
     for direction in DIRECTIONS:
         with_him, without = watched[direction], alone[direction]
         assert with_him is not None
         assert without is not None
-        for key in ("jitter_p99_ms", "age_p99_ms"):
-            assert with_him[key] == pytest.approx(without[key], rel=0.05), (direction, key)
-        assert with_him["loss"] == pytest.approx(without["loss"], abs=0.01)
+        for key, share in (("jitter_p99_ms", 0.05), ("age_p99_ms", 0.3)):  # two that are lost in a row make the age
+            assert with_him[key] == pytest.approx(without[key], rel=share), (direction, key)
+        assert with_him["loss"] == pytest.approx(without["loss"], abs=0.03)  # each of 320 draws anew: 2.5 deviations
         assert with_him["arrived"] <= with_him["sent"]
         shares = [(flow["overtaken"] or 0) / (flow["sent"] or 1) for flow in (with_him, without)]
-        assert shares[0] == pytest.approx(shares[1], abs=0.01)
+        assert shares[0] == pytest.approx(shares[1], abs=0.02)  # of 320, about one in a hundred: as above

@@ -251,6 +251,7 @@ CLAIMS: list[tuple[str, dict[str, object], bool]] = [
     ("wave", {}, True),
     ("wave", {"wave.missing": "hold"}, False),
     ("digital-wave", {}, True),
+    ("two-layer", {"link.up": "4g", "device.servo": "sampled"}, True),
     ("pd", {**LINK, "device.own_damping": 20.0}, True),
     ("pd", LINK, False),  # it warns: its hold leaks
     ("pd", {**LINK, "device.own_damping": 20.0, "link.up": "delay 40ms loss 1%"}, False),

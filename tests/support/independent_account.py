@@ -35,11 +35,15 @@ class Jump(NamedTuple):
 
 
 class WorldStep(NamedTuple):
-    """A step of the virtual mass that ended then, at `position` [m], the spring's other end at `set_position` [m]."""
+    """A step of the virtual mass that ended then, at `position` [m], the spring's other end at `set_position` [m].
+
+    begun : where it began [m]. From where the step before ended it was carried there, through free space.
+    """
 
     ended_ns: int
     step_s: float
     set_position: Vector
+    begun: Vector
     position: Vector
 
 
@@ -115,6 +119,11 @@ class Witness:
     def ticks(self) -> int:
         return len(self.positions) - 1
 
+    @property
+    def stopped(self) -> Vector:
+        """Where the mass is now [m]."""
+        return self._simulation.world.mass.position
+
     def _watch_device(self, simulation: Simulation, device: Any) -> None:
         run, advance, read = device.run, device.advance, device.read
         apply, move = device.apply, device.move_set_position
@@ -149,9 +158,8 @@ class Witness:
             couple(stiffness, damping, set_position, *limits, **more)
 
         def watched_move(set_position: Vector) -> None:
-            if set_position != tied[0]:
-                self.jumps.append(Jump(device.position, tied[0], set_position))
-                tied[0] = set_position
+            self.jumps.append(Jump(device.position, tied[0], set_position))
+            tied[0] = set_position
             move(set_position)
 
         device.run, device.advance = watched_run, watched_advance
@@ -166,8 +174,9 @@ class Witness:
         step = mass.step
 
         def watched_step(dt: float, set_position: Vector, *rest: Any) -> Any:
+            begun = mass.position
             done = step(dt, set_position, *rest)
-            self.steps.append(WorldStep(simulation.now_ns, dt, set_position, done.position))
+            self.steps.append(WorldStep(simulation.now_ns, dt, set_position, begun, done.position))
             return done
 
         mass.step = watched_step
@@ -300,14 +309,16 @@ def _environment(witness: Witness) -> Array:
     A face gives back what its spring held and takes what its damper does inside; one that would pull lets go instead.
     """
     wall = witness.params.world.wall
-    x = np.array([witness.start, *(step.position for step in witness.steps)])
+    begun, ended = (np.array([step[k] for step in witness.steps]) for k in (3, 4))
+    before = np.array([witness.start, *(step.position for step in witness.steps[:-1])])
     T = np.array([step.step_s for step in witness.steps])
     total = np.zeros(len(T))
     for axis, side, at in walls(witness.params):
-        way = side * np.diff(x[:, axis])
-        depth = np.maximum(0.0, side * x[:, axis] - at)
-        work = -0.5 * wall.stiffness * np.diff(depth**2) - wall.damping * way * np.diff(depth) / T
+        way = side * (ended - begun)[:, axis]
+        outer, inner, carried = (np.maximum(0.0, side * x[:, axis] - at) for x in (begun, ended, before))
+        work = -0.5 * wall.stiffness * (inner**2 - outer**2) - wall.damping * way * (inner - outer) / T
         total += np.where(work * way <= 0.0, work, 0.0)  # else its force would point into the wall
+        total -= 0.5 * wall.stiffness * (outer**2 - carried**2)  # a mass that was carried into a wall would show
     return _running(total)
 
 
@@ -336,7 +347,7 @@ def motion(witness: Witness) -> dict[str, float | int | None]:
     x = np.array(witness.readings if sampled else witness.positions)[1:]
     period_ns = round(1e9 / witness.params.device.servo_hz)
     times = witness.origin_ns + period_ns * np.arange(1, len(x) + 1)
-    proxy = np.array([step.position for step in witness.steps])
+    proxy = np.array([*(step.begun for step in witness.steps[1:]), witness.stopped])
     ends = np.array([step.ended_ns for step in witness.steps])
     depth = np.zeros(len(proxy))
     for axis, side, at in walls(witness.params):

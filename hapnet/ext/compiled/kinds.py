@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from hapnet.control import coupling, law, set_position_coupling
+from hapnet.control import carrying, coupling, law, set_position_coupling
 from hapnet.ext.compiled import law_sides, link, samples, sides, simulation, solids
 from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import Scenario
@@ -26,7 +26,8 @@ Choices = dict[Callable[..., Any], Callable[..., Any]]
 
 OF_SET_POSITIONS: Choices = {
     coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
-    walls.apply: integrator.solve, steps.advance: sides.advance, steps.take: sides.take_at_world,
+    walls.apply: integrator.solve, carrying.clearance: walls.clearance,
+    steps.advance: sides.advance, steps.take: sides.take_at_world,
     steps.answer: sides.answer, steps.settle: sides.settle, ticks.measure: sides.measure,
     ticks.take: sides.take_at_device, ticks.act: sides.act, ticks.hold: sides.hold,
 }  # fmt: skip

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from hapnet.control import (
+    carrying,
     continuous_servo as continuous,
-    prediction,
+    predicted_device,
     set_position_coupling as couplings,
     set_position_servo as servos,
 )
@@ -15,7 +16,7 @@ from hapnet.control.contact_plane import ContactPlane, understand
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import counted
 from hapnet.control.harvest import by_range
-from hapnet.control.prediction import Around, PredictedDevice
+from hapnet.control.predicted_device import Around, PredictedDevice
 from hapnet.control.reporter import MOST_REACH_M
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled import link as links
@@ -191,7 +192,7 @@ def _credit(coupling: SetPositionCoupling, wire: Wire) -> None:
 def advance(side: WorldSideRecord, dt: float) -> None:
     """Move the mass through a step of `dt` seconds, as `SetPositionSteps.advance` does."""
     integrator.factored(side.mass, dt, integrator.OWN)
-    move_among(side.mass, side.contacts, dt, side.coupling.modulator.ybar)
+    move_among(side.mass, side.contacts, dt, side.coupling)
 
 
 @equation
@@ -202,7 +203,7 @@ def answer(side: WorldSideRecord, port: PortRecord, now_ns: int, dt: float) -> M
     message.planes = message.aimed_ns = 0
     message.reach_m = -1.0
     if side.predicted.in_use and port.wire.endpoint.kind == PROXY:
-        reach_m = side.reach_m + side.reach_mps * prediction.turn_s(side.predicted)
+        reach_m = side.reach_m + side.reach_mps * predicted_device.turn_s(side.predicted)
         _say(side, min(_MOST_REACH_M, reach_m), dt, message)
     counted(side, dt, mass.x, integrator.kinetic(mass), mass.work, mass.dissipated)
     message.level = level(coupling)
@@ -218,9 +219,11 @@ def settle(side: WorldSideRecord) -> None:
 
 
 @equation
-def move_among(mass: PassiveIntegrator, contacts: Contacts, dt: float, ybar: Floats) -> None:
-    """Move the mass among the walls by a step, as `PassiveIntegrator.step` does; call `factored` before."""
-    integrator.spring_among(mass, dt, ybar, contacts)
+def move_among(mass: PassiveIntegrator, contacts: Contacts, dt: float, coupling: SetPositionCoupling) -> None:
+    """Move the mass among the walls by a step, as `SetPositionSteps.advance` does; call `factored` before."""
+    integrator.spring_among(mass, dt, coupling.modulator.ybar, contacts)
+    if coupling.carries:
+        carrying.carry(coupling, mass, contacts, mass.n, dt)
     mass.penetration = walls.penetration(contacts, mass.x)
 
 
@@ -240,8 +243,10 @@ def update(side: WorldSideRecord, dt: float, x: Floats, dissipated: float) -> bo
     """Predict the device if that is in use, and update the coupling, as `SetPositionSteps.update` does."""
     coupling, n = side.coupling, side.coupling.modulator.spring.dof
     if side.predicted.in_use:
-        prediction.look_ahead(side.predicted, n, dt)
+        predicted_device.look_ahead(side.predicted, n, dt)
         copy(n, side.predicted.y, coupling.y)
+        if coupling.carries:
+            carrying.plan(coupling, side.predicted, side.contacts, n, x)
     else:
         copy(n, coupling.received, coupling.y)
     couplings.update(coupling, dt, x, dissipated, 0.0)
@@ -257,7 +262,7 @@ def take_at_world(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
         sample = note(wire, k)
         _give(coupling, sample, n)
         if side.predicted.in_use:
-            prediction.receive(side.predicted, n, sample.position, coupling.sent_s, age_s(endpoint.used, now_ns))
+            predicted_device.receive(side.predicted, n, sample.position, coupling.sent_s, age_s(endpoint.used, now_ns))
     endpoint.first = endpoint.waiting = 0
     _credit(coupling, wire)
 
@@ -266,7 +271,7 @@ def take_at_world(side: WorldSideRecord, port: PortRecord, now_ns: int) -> None:
 def _say(side: WorldSideRecord, reach_m: float, dt: float, message: MessageSlot) -> None:
     """Put the contact force and the nearby planes into the message, as `SetPositionSteps.update` does."""
     around, contacts, n = side.predicted.around, side.contacts, side.mass.n
-    message.aimed_ns = moment_ns(prediction.stands_for(side.predicted, dt))
+    message.aimed_ns = moment_ns(predicted_device.stands_for(side.predicted, dt))
     copy(n, side.mass.force, message.force)
     see(contacts, side.mass.x, reach_m, around, message)
     message.planes = around.count

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.checks import MOST_CURVATURE_PER_M
-from hapnet.control import contact_surfaces
+from hapnet.control import carrying, contact_surfaces
 from hapnet.control.contact_plane import ContactPlane, stand_on
-from hapnet.control.prediction import Around
+from hapnet.control.predicted_device import Around
 from hapnet.ext.compiled import endpoint, link, sides
 from hapnet.ext.compiled.endpoint import Endpoint
 from hapnet.ext.compiled.link import MessageSlot
 from hapnet.ext.solids import rigid_step, sight
+from hapnet.ext.solids.rigid_contacts import SEARCHED_M
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.ext.solids.shapes import Triple, put_bend, triple
 from hapnet.mechanics.curvature import copy_bends
@@ -20,7 +21,7 @@ from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import walls
-from hapnet.records.record import AXES, PLANES, Reals, equation
+from hapnet.records.record import AXES, POINT_PLANES, Reals, equation
 from hapnet.records.vectors import copy, dot
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
@@ -53,6 +54,15 @@ def penetration(contacts: SolidContact, position: Reals) -> float:
 
 
 @equation
+def clearance(contacts: SolidContact, position: Reals) -> float:
+    """The distance from the nearest solid [m]: `RigidContacts.clearance`. Solids with effects are not compiled."""
+    x = _padded(contacts.dof, position)
+    if sight.see_all(contacts.secants, contacts.count, contacts.dof, x, SEARCHED_M, contacts.sights, contacts.order):
+        return -contacts.sights[contacts.order[0]].depth
+    return SEARCHED_M
+
+
+@equation
 def stored(contacts: SolidContact, position: Reals) -> float:
     """The energy stored in the contacts [J]: `RigidContacts.stored_J`."""
     return contacts.energy_J
@@ -65,7 +75,7 @@ def see(contacts: SolidContact, position: Reals, reach_m: float, around: Around,
     n = contacts.dof
     x = _padded(n, position)
     count = sight.see_all(contacts.secants, contacts.count, n, x, reach_m, contacts.sights, contacts.order)
-    around.count = min(count, PLANES)
+    around.count = min(count, POINT_PLANES)
     for k in range(around.count):
         one, bends = contacts.sights[contacts.order[k]], message.bends[k]
         copy(n, one.normal, around.normal[k])
@@ -113,6 +123,7 @@ def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -
 
 AMONG_SOLIDS: Choices = {
     integrator.respond: meet, sides.see: see, walls.penetration: penetration, walls.stored: stored,
+    carrying.clearance: clearance,
     endpoint.surface_bytes: surface_bytes, link.copy_surfaces: copy_surfaces,
     sides.understand_surface: understand_surface, **contact_surfaces.IN_PLACE_OF_FLAT_ONES,
 }  # fmt: skip

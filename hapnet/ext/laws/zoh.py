@@ -10,7 +10,7 @@ from hapnet.couplings.rendering import RenderingTuning
 from hapnet.couplings.set_position import BOTH_SIDES, ends, plain
 from hapnet.couplings.spec import CouplingSpec, two_springs
 
-_ENDS = ends(plain, limited=False)
+_ENDS = ends(plain)
 
 LAW = CouplingSpec(
     name="zoh",

@@ -79,7 +79,7 @@ class RobotFollower(Follower):
     on_link = (in_leaders_units, spring_on_link)
 
     def warnings(self, params: Params, spec: CouplingSpec[Any], dof: int) -> list[str]:
-        if not self.is_held(params, spec) or not spec.limited or is_real_robot(params):
+        if not self.is_held(params, spec) or not spec.guards or is_real_robot(params):
             return []
         return [one for one in held_warnings(servo_of(params), dof) if one.startswith("world.damping")]
 

@@ -64,7 +64,7 @@ def _following(
     at_robot = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own, device=servo))
     leads = dataclasses.replace(setup, params=dataclasses.replace(params, follower=own))
 
-    if setup.coupling.limited:
+    if setup.coupling.guards:
         for common, params_in in ((False, leads.params), (True, choosing(leads.params, *setup.follower.seen))):
             for warning in held_warnings(servo_of(params_in), setup.dof):
                 if warning.startswith("world.ceiling_J") == common:  # joules are in the leader's units

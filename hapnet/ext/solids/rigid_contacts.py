@@ -134,6 +134,13 @@ class RigidContacts(SolidContact, Surroundings):
     def penetration(self, position: Sequence[float]) -> float:
         return deepest(self, tuple(position) if self.dof == 3 else padded(position))
 
+    def clearance(self, position: Sequence[float]) -> float:
+        """The distance [m] of `position` (n,) from the nearest solid, up to `SEARCHED_M`; 0 if a solid attracts."""
+        if any(effects is not None for effects in self._effects):
+            return 0.0
+        nearest = next(iter(self._tangents(padded(position), SEARCHED_M)), None)
+        return SEARCHED_M if nearest is None else -nearest[0]
+
     def plane(self, position: Sequence[float]) -> Plane | None:
         return next((plane for depth, plane in self._tangents(padded(position), 0.0) if depth > 0.0), None)
 
@@ -158,6 +165,9 @@ class RigidContacts(SolidContact, Surroundings):
                     found.append((sight.depth, _plane(sight, self.dof, bends if whole else None, effects)))
         return sorted(found, key=lambda one: (one[0], one[1][:7]), reverse=True)
 
+
+SEARCHED_M = 0.1
+"""The largest clearance that is searched for [m]."""
 
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -182,6 +182,9 @@ class MovingWall(WorldDefaults, Surroundings):
     def penetration(self, position: Sequence[float]) -> float:
         return self._contacts.penetration(position)
 
+    def clearance(self, position: Sequence[float]) -> float:
+        return self._contacts.clearance(position)
+
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The wall at present, if `position` (n,) [m] is inside or less than `reach_m` in front of it; else none."""
         wall = self._wall

@@ -37,7 +37,7 @@ from hapnet.mechanics.plane import Plane
 from hapnet.params import WallParams
 from hapnet.plant.worlds import coupled
 from hapnet.plant.worlds.coupled import MOST, Coupled
-from hapnet.records.record import AXES, PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes, equation
+from hapnet.records.record import AXES, POINT_PLANES, FloatRows, Floats, OfAxes, Reals, Record, Wholes, equation
 from hapnet.records.vectors import dot, inner
 
 _WALL = WallParams()
@@ -208,7 +208,7 @@ class Contacts(Record, Surroundings):
     offsets: Annotated[Floats, (MOST,)]
     stiffnesses: Annotated[Floats, (MOST,)]
     supplied_J: float = 0.0
-    near: Annotated[Wholes, (PLANES,)]
+    near: Annotated[Wholes, (POINT_PLANES,)]
     taken: Annotated[Wholes, (MOST,)]
     response: OfAxes
 
@@ -274,6 +274,14 @@ class Contacts(Record, Surroundings):
                 deepest = axis.lower.at - q
         return deepest
 
+    @equation
+    def clearance(self, position: Reals) -> float:
+        """The distance [m] of `position` (n,) from the nearest wall."""
+        nearest = inf
+        for k in range(self.faces):
+            nearest = min(nearest, self.offsets[k] - dot(self.dof, self.normals[k], position))
+        return nearest
+
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""
         return tuple([self._planes[k] for k in self.near[: self.nearest(position, reach_m)]])
@@ -284,7 +292,7 @@ class Contacts(Record, Surroundings):
         found = 0
         for k in range(self.faces):
             self.taken[k] = 0
-        for _ in range(min(PLANES, self.faces)):
+        for _ in range(min(POINT_PLANES, self.faces)):
             nearest, minimum = -1, 0.0
             for k in range(self.faces):
                 if not self.taken[k]:
@@ -394,6 +402,7 @@ def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Fl
 
 
 penetration, nearest, stored = Contacts.penetration, Contacts.nearest, Contacts.stored_J
+clearance = Contacts.clearance
 """The names in equations."""
 
 

@@ -38,8 +38,8 @@ def test_over_4g_it_is_passive_and_nothing_is_undone(operator: str) -> None:
 def test_what_it_makes_at_long_substeps_is_paid_or_undone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Over the table with substeps of 5 ms its contacts give out energy; the world does not."""
     monkeypatch.setattr(Boxes, "substep_s", 0.005)
-    link = {"link.up": "4g", "link.down": "4g", "duration_s": 5.0}
-    result = simulate({"scene": "examples.bullet_world:Boxes", "operator": "sine", **link}, seed=1)
+    soft = {"link.up": "4g", "link.down": "4g", "duration_s": 5.0, "device.stiffness": 200.0}
+    result = simulate({"scene": "examples.bullet_world:Boxes", "operator": "sine", **soft}, seed=1)
     own = result.summary["environment"]
     assert result.summary["verdict"]["passive"] is True
     assert own["env_given_J"] > 1e-3

@@ -8,7 +8,7 @@ from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
 from hapnet.control.coupling import LawServo, LawState
 from hapnet.control.law import DeviceEnd, WorldEnd
-from hapnet.control.prediction import PredictedDevice
+from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.ext.compiled.memory import load, store
 from hapnet.ext.solids.rigid_contacts import RigidContacts

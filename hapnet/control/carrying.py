@@ -1,0 +1,92 @@
+"""Carries the proxy through free space (ours): where nothing touches it, it moves with its set-position.
+
+A spring that pulls the proxy after a hand of speed v is stretched by B'v/K' and by the jump of ybar in each step. This
+energy is only lent, but a fast hand needs more than the reservoir has: 0.2 J at 0.5 m/s with steps of 50 ms. In free
+space no force acts on the proxy, so moving it does no work, and the spring keeps its length if ybar moves by the same
+distance. So no energy changes at either port, and PSPM has nothing to pay for.
+
+At the onset of a step, `plan` finds a free way from the proxy to the place where the device will be at the step's end.
+It goes forward by the distance in which nothing can touch the proxy (`Surroundings.clearance`), again and again, and
+ends `GAP_M` in front of an obstacle. If it is free to its end, or covers enough of the distance to y, y becomes the
+proxy's own position, so that the spring is at rest, and `carry` moves both at the step's end. Otherwise the spring
+moves the proxy, as it always does in contact: also where the hand slides along an obstacle, close to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hapnet.control import prediction as motion
+from hapnet.control.predicted_device import PredictedDevice
+from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.mechanics.contacts import Surroundings
+from hapnet.records.record import Floats, Reals, equation
+from hapnet.records.vectors import copy, distance
+
+GAP_M = 0.001
+"""The proxy is carried up to this distance from an obstacle [m]."""
+
+LEAST_SHARE = 0.5
+"""A way that is not free to its end covers this share of the distance to y; a spring covers 0.8 in a step of 50 ms."""
+
+MOST_PARTS = 8
+"""The most parts of a way; each is as long as the clearance at its start."""
+
+
+def clearance(contacts: Surroundings, position: Reals) -> float:
+    """Call the surroundings' `clearance` [m]. Compiled versions are in ext/compiled/kinds.py."""
+    return contacts.clearance(tuple(position))
+
+
+@equation
+def plan(coupling: SetPositionCoupling, predicted: PredictedDevice, contacts: Any, n: int, x: Reals) -> None:
+    """Choose the displacement of the proxy at x [m] in the coming step, after y was chosen. If it is carried, y becomes
+    x, so that the spring is at rest."""
+    way, p, goal = coupling.carried, predicted.predictor, predicted.goal
+    for i in range(n):
+        way[i] = 0.0
+    if not p.count:
+        return
+    motion.predict(p, n, predicted.age + predicted.mean_step, goal)
+    far = distance(n, goal, x)
+    if far == 0.0:
+        return
+    free = _free(contacts, n, x, goal, far, predicted.place)
+    if free == 0.0 or (free < far and free < LEAST_SHARE * distance(n, coupling.y, x)):
+        return
+    for i in range(n):
+        way[i] = free / far * (goal[i] - x[i])
+    copy(n, x, coupling.y)
+
+
+@equation
+def _free(contacts: Any, n: int, x: Reals, goal: Reals, far: float, place: Floats) -> float:
+    """The length of the free way from x towards the goal, which is `far` [m] away. place : temporary memory."""
+    free = 0.0
+    for _ in range(MOST_PARTS):
+        for i in range(n):
+            place[i] = x[i] + free / far * (goal[i] - x[i])
+        part = clearance(contacts, place) - GAP_M
+        if part <= 0.0:
+            break
+        free = min(far, free + part)
+        if free == far:
+            break
+    return free
+
+
+@equation
+def carry(coupling: SetPositionCoupling, mass: Any, contacts: Any, n: int, dt: float) -> None:
+    """Carry the mass and ybar as planned, at the end of a step of `dt` seconds in which nothing touched the mass."""
+    way, place = coupling.carried, mass.error
+    for i in range(n):
+        place[i] = mass.x[i] + way[i]
+        if mass.force[i] != 0.0:
+            return
+    if clearance(contacts, place) <= 0.0:
+        return
+    for i in range(n):
+        mass.x[i] += way[i]
+        mass.vhat[i] += way[i] / dt
+        coupling.modulator.ybar[i] += way[i]
+        coupling.place[i] += way[i]
