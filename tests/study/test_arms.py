@@ -22,7 +22,7 @@ def test_a_comparison_takes_an_arm(tmp_path: Path) -> None:
     words = ["compare", "--device", "omni", "--coupling", "pspm", "--coupling", "zoh", "--link", "4g", "--operator"]
     assert main([*words, "hand-3", "--duration", "4", "--workers", "1", "--out", str(tmp_path / "c")]) == 0
     found = json.loads((tmp_path / "c" / "compare.json").read_text("utf-8"))
-    assert [case["coupling"] for case in found["cases"]] == ["pspm", "zoh"]
+    assert [case["coupling"] for case in found["cases"]] == ["pspm", "zoh", "local wall"]
     for case in found["cases"]:
         assert case["measures"]["margin_J"] >= 0.0
         assert 90.0 < case["measures"]["stiffness_percent"] < 115.0

@@ -117,7 +117,7 @@ def test_free_space_has_no_contact() -> None:
     found = measure(params("", scene="free", operator="sine"), 0)
     unknown = {name for name, value in found.items() if value is None}
     assert unknown == {
-        "contact_rms_mm", "stiffness_percent", "true_force_error_percent", "contact_to_drag",
+        "contact_rms_mm", "stiffness_percent", "felt_N_per_m", "true_force_error_percent", "contact_to_drag",
         "first_contact_ms", "first_contact_missed", "later_contact_ms",
         "drift_mm_per_min", "free_first_mm", "free_last_mm", "drag_last_N",  # 4 s only
         "stiffness_worst_percent", "true_force_error_last_percent", "world_force_error_percent", "contacts_ratio",

@@ -241,10 +241,10 @@ def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     couplings = whole["settings"]["couplings"]
     assert {"pspm", "zoh"} <= set(couplings)
     assert whole["settings"]["links"]["slow"] == {"up": "delay 30ms", "down": "delay 5ms"}
-    assert len(whole["cases"]) == 2 * len(couplings)
+    assert len(whole["cases"]) == 2 * len(couplings) + 2  # of the local wall, once for each link
     assert list(whole["cases"][0]["measures"]) == list(METRICS)
     assert whole["metrics"]["margin_J"]["unit"] == "J"
-    K = 200.0  # by the rule: half of 2 (b - B)/T, with b = 0.3 and B = 0.1 Ns/m, T = 1 ms
+    K = 600.0  # by the rule: 2 b/T, with b = 0.3 Ns/m and T = 1 ms
     assert whole["tunings"]["pspm"]["slow"]["device.stiffness"] == K
     assert whole["tunings"]["pspm"]["slow"]["ideal_stiffness_N_per_m"] == pytest.approx(K * 3000.0 / 3500.0)
     again: dict[str, Any] = {}
@@ -264,7 +264,7 @@ def test_the_same_command_goes_on_and_another_is_refused(
         ran.append(params.coupling)
         if len(ran) == 2:
             raise HapnetError("this time")
-        if len(ran) == 4:
+        if len(ran) == 5:
             raise KeyboardInterrupt
         return known()
 
@@ -285,14 +285,14 @@ def test_the_same_command_goes_on_and_another_is_refused(
     )
     assert cli.main([*asked]) == 130
     reported = without_progress(capsys.readouterr().err)
-    assert reported == f"hapnet: stopped: 3 of 4 cases are done; with --out {out} the same command continues\n"
+    assert reported == f"hapnet: stopped: 4 of 5 cases are done; with --out {out} the same command continues\n"
     assert cli.main([*asked]) == 0
-    assert "4 cases, 2 of them from an earlier run, in " in capsys.readouterr().out
-    assert len(ran) == 6
+    assert "5 cases, 3 of them from an earlier run, in " in capsys.readouterr().out
+    assert len(ran) == 7
     assert cli.main([*asked, "--seeds", "0:2"]) == 2
-    assert "is of another spec: 4 cases are new, 0 are gone, 4 are the same" in capsys.readouterr().err
+    assert "is of another spec: 5 cases are new, 0 are gone, 5 are the same" in capsys.readouterr().err
     assert cli.main([*asked, "--seeds", "0:2", "--fresh"]) == 0
-    assert len(ran) == 14
+    assert len(ran) == 17
 
 
 def test_a_journal_from_before_a_metric_is_gone_on_with(
@@ -402,7 +402,7 @@ def test_ctrl_c_ends_it_and_its_workers(tmp_path: Path, monkeypatch: pytest.Monk
         code, _, err = program.end()
         assert code == 130
         assert re.fullmatch(
-            r"hapnet: stopped: 0 of 32 .* with --out runs/\S+-compare the same command continues\n", err
+            r"hapnet: stopped: 0 of 37 .* with --out runs/\S+-compare the same command continues\n", err
         )
         program.until_gone()
 

@@ -82,7 +82,7 @@ def test_kinds_are_added_up_and_shared_by_the_workers(
         (
             ["compare", "--coupling", "pspm,zoh", "--link", "lan", "--operator", "press", "--seeds", "0:2"],
             [
-                "4 cases: 2 couplings, 1 link, 1 operator, 2 seeds",
+                "6 cases: 2 couplings, 1 link, 1 operator, 2 seeds, and 2 of the local wall",
                 "  coupling: pspm; zoh",
                 "  link: lan",
             ],

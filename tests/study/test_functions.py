@@ -22,18 +22,18 @@ def test_a_comparison_runs_what_is_named_and_no_more() -> None:
     found = hapnet.compare(["pspm", "zoh"], ["lan", "4g"], params=SHORT, progress=lambda *done: reported.append(done))
     rows = found.rows()
     assert [(row["coupling"], row["link"], row["operator"], row["seed"]) for row in rows] == [
-        (coupling, link, "press@light", 0) for coupling in ("pspm", "zoh") for link in ("lan", "4g")
+        (coupling, link, "press@light", 0) for coupling in ("pspm", "zoh", "local wall") for link in ("lan", "4g")
     ]
-    assert len(found) == 4
-    assert reported[0] == (0, 4)
-    assert reported[-1] == (4, 4)
+    assert len(found) == 5  # the local wall has no link, so it is run once
+    assert reported[0] == (0, 5)
+    assert reported[-1] == (5, 5)
     assert all(set(METRICS) <= set(row) and row["error"] is None for row in rows)
     assert all(row["passive"] is (row["margin_J"] >= -1e-9) for row in rows)
     assert [row["energy_out_J"] for row in found.medians()] == [row["energy_out_J"] for row in rows_by_link(rows)]
     assert found.headline == ["every coupling was passive in all cases"]
-    assert repr(found) == "Comparison(4 cases; every coupling was passive in all cases)"
+    assert repr(found) == "Comparison(5 cases; every coupling was passive in all cases)"
     html = found._repr_html_()
-    assert html.count("<tr>") == 3
+    assert html.count("<tr>") == 4
     assert all(f">{word}<" in html for word in ("pspm", "zoh", "lan", "4g"))
 
 

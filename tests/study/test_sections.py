@@ -92,7 +92,7 @@ def test_sections_have_directories_of_their_own_and_one_object_for_machines(
     assert cli.main(["compare", "--bench", "taps,friction", *flags, "--json", "-"]) == 0
     whole = json.loads(capsys.readouterr().out)
     assert list(whole["sections"]) == ["taps", "friction"]
-    assert len(whole["sections"]["taps"]["cases"]) == len(TAPS)
+    assert len(whole["sections"]["taps"]["cases"]) == 2 * len(TAPS)  # with a local wall each
     assert whole["sections"]["friction"]["groups"][0]["metrics"]["drag_N"]["low"] == 0.2
     assert {path.name for path in tmp_path.iterdir()} == {"taps", "friction"}
 
@@ -131,8 +131,8 @@ def test_it_says_how_many_cases_there_are_before_it_begins(
     flags = ["compare", "--link", "lan", "--coupling", "pspm,zoh", "--workers", "1", "--no-files"]
     assert cli.main([*flags, "--operator", "press", "--operator", "sine", "--duration", "80"]) == 0
     first, second = capsys.readouterr().out.splitlines()[:2]
-    assert first == "4 cases: 2 couplings, 1 link, 2 operators, 1 seed"
-    assert second == "a case takes 1.6 s (mean of 4); all of them, with 1 worker: about 6 s"
+    assert first == "6 cases: 2 couplings, 1 link, 2 operators, 1 seed, and 2 of the local wall"
+    assert second == "a case takes 1.6 s (mean of 6); all of them, with 1 worker: about 10 s"
     assert cli.main([*flags, "--operator", "press", "--duration", "0.2"]) == 0
     assert "about" not in capsys.readouterr().out
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from hapnet.ext.pictures.comparison import Look
 from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures, Variant
 from hapnet.ext.study.figures import story, tradeoff
 from hapnet.laws import COUPLING_NAMES
@@ -41,6 +42,11 @@ def test_where_all_were_passive_it_says_so() -> None:
         "every coupling was passive in all cases",
         "pspm has the smallest force error: 0.5 % (a link's median)",
     ]
+
+
+def test_no_two_couplings_look_alike() -> None:
+    looks = [Look(name, number) for number, name in enumerate(COUPLING_NAMES)]
+    assert len({look.color for look in looks}) == len({look.mark["marker"] for look in looks}) == len(looks)
 
 
 LONG = tuple(f"pspm:device.stiffness={stiffness}" for stiffness in (100, 200, 300, 400, 500))

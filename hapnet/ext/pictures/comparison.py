@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARKS = ("o", "s", "^", "D", "v", "P", "X", "p")
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "p", "*")
 _OTHERS: dict[str, Any] = {"color": "0.8", "linewidth": 0.6, "zorder": 1}
 _OUT = (
     "most energy that came out of both ports [mJ] (beyond d², shaded: not passive).\n"
@@ -165,7 +165,7 @@ def tradeoff(
 def _columns(looks: Sequence[Look]) -> int:
     """The number of their names that fit side by side, with a mark each."""
     widths = [len(one.name) + 7 for one in looks]
-    return len(widths) if sum(widths) <= STORY + 10 else max(1, min(len(widths), STORY // max(widths)))
+    return len(widths) if sum(widths) <= STORY else max(1, min(len(widths), STORY // max(widths)))
 
 
 def _axes(panels: Any, first: Mapping[str, Any], links: Sequence[str], bound: float, most: float) -> None:

@@ -5,6 +5,7 @@ damping.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -38,7 +39,7 @@ def transmitted(curves: dict[tuple[str, str], Curve], motion: str = "") -> Figur
             shown = {coupling: found for (coupling, over), found in curves.items() if over == link}
             above, below = axes[0][column], axes[1][column]
             widths = np.linspace(2.6, 1.0, len(shown))  # so that a line is visible under another line
-            for colour, width, (coupling, found) in zip(COLOURS, widths, shown.items(), strict=False):
+            for colour, width, (coupling, found) in zip(cycle(COLOURS), widths, shown.items(), strict=False):
                 style = {"color": colour, "linewidth": width}
                 _line(above, found.frequency_hz, found.stiffness, coupling, style)
                 _line(below, found.frequency_hz, found.damping, coupling, style)
@@ -88,7 +89,7 @@ def stable_springs(
     bound : returns [N/m] for an own damping and a servo rate. dampings : the range in which it is drawn.
     """
     rates = list(dict.fromkeys(one.servo_hz for one in found))
-    colours = dict(zip(dict.fromkeys(one.name for one in found), COLOURS, strict=False))
+    colours = dict(zip(dict.fromkeys(one.name for one in found), cycle(COLOURS), strict=False))
     with sheet(80) as fig:
         panels = fig.subplots(1, len(rates), sharey=True, squeeze=False)[0]
         for panel, hz in zip(panels, rates, strict=True):

@@ -27,7 +27,7 @@ WIDTH_MM = 180.0
 DEVICE_COLOR, WORLD_COLOR = "#08306b", "#e6550d"
 
 # Okabe and Ito's colours, which colour-blind people can tell apart
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D1F", "#7A3E9D")
 
 NOT_PASSIVE: dict[str, Any] = {"facecolor": "#fcbba1", "edgecolor": "#cb181d", "hatch": "////", "lw": 0, "zorder": 0}
 """The style of the part of a panel in which a coupling is not passive."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
+from hapnet.assembly.springs import limit
 from hapnet.errors import InvalidParameter
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.study.case import DEADBAND, Measures
@@ -62,6 +63,27 @@ class Variant(NamedTuple):
         return f"{self.coupling}, deadband {100.0 * self.deadband:g} %" if self.deadband else self.coupling
 
 
+LOCAL = Variant("local wall")
+_IDEAL = {"up": "", "down": ""}
+
+
+def local_wall(params: Params) -> str:
+    """The coupling of the local wall with its parameters, as in `--coupling`; "": the device's limit is not known.
+
+    It is the best that a device can render without a network: a held spring at the wall, with the stages and the same
+    servo, over an ideal link, with a world that steps at 1 kHz. It is as stiff as the device renders alone
+    (`hapnet.couplings.stiffness.local_limit`), and at most as stiff as the wall:
+
+        felt = K K_w / (K' + K_w) = min(limit, K_w)
+    """
+    most, wall, spring = limit(params), params.world.wall.stiffness, params.world.stiffness
+    if most <= 0.0 or wall <= 0.0 or not isinstance(spring, float):
+        return ""
+    own = {"rendering": "hapnet", "device.stiffness": f"{min(most, wall) * (spring + wall) / wall:.6g}"}
+    own |= dict.fromkeys(("world.step_min_s", "world.step_max_s"), "0.001")
+    return ":".join(["zoh", *(f"{name}={value}" for name, value in own.items())])
+
+
 @dataclass(frozen=True)
 class ComparedRun:
     """A run of a comparison: a variant over a link, with an operator and a seed."""
@@ -98,6 +120,7 @@ class Plan:
     couplings : each as `Variant.coupling`. links : by name, the text of the uplink and of the downlink.
     operators : as `Params.operator`, followed by `LIGHT` for a relaxed hand, and by the operator's parameters (`hand`).
     deadbands : tried with each coupling. extra : further variants of these couplings.
+    local : the coupling of the local wall (`local_wall`), run once a hand and seed; "": none.
     """
 
     params: Params
@@ -107,6 +130,7 @@ class Plan:
     seeds: tuple[int, ...]
     deadbands: tuple[float, ...] = (0.0,)
     extra: tuple[Variant, ...] = ()
+    local: str = ""
 
     @property
     def variants(self) -> list[Variant]:
@@ -114,14 +138,26 @@ class Plan:
         every = [Variant(coupling, deadband) for coupling in self.couplings for deadband in self.deadbands]
         return sorted({*every, *self.extra}, key=lambda each: (self.couplings.index(each.coupling), each.deadband))
 
+    @property
+    def rows(self) -> list[Variant]:
+        """The rows of a table: all variants, and the local wall."""
+        return [*self.variants, *([LOCAL] if self.local else [])]
+
     def cases(self) -> list[ComparedRun]:
-        """Every case. Cases that differ only in their link are neighbours, as they share a reference run."""
+        """Every case except the local wall. Cases that differ only in their link are neighbours, as they share a
+        reference run.
+        """
         by_coupling = [[each for each in self.variants if each.coupling == coupling] for coupling in self.couplings]
         return [
             self.case(variant, link, operator, seed)
             for variants, operator, seed in product(by_coupling, self.operators, self.seeds)
             for variant, link in product(variants, self.links)
         ]
+
+    def local_cases(self) -> list[ComparedRun]:
+        """The local wall beside the cases of each link; with the same hand and seed it is the same run."""
+        parts = product(self.operators, self.seeds, self.links) if self.local else ()
+        return [self.case(LOCAL, link, operator, seed) for operator, seed, link in parts]
 
     def case(self, variant: Variant, link: str, operator: str, seed: int) -> ComparedRun:
         """The case with these settings. Raises InvalidParameter if its parameters do not go together."""
@@ -135,24 +171,25 @@ class Plan:
         """The same cases as the spec of a sweep: a product for each hand and each set of variants."""
         alike: dict[str, list[str]] = {}  # couplings by their own parameters
         for one in self.couplings:
-            alike.setdefault(json.dumps(self._own(one, self.couplings, parted)), []).append(one)
-        sets = [(couplings, list(self.deadbands)) for couplings in alike.values()]
-        sets += [([one.coupling], [one.deadband]) for one in self.extra]
+            alike.setdefault(json.dumps(self._own(one, self._texts, parted)), []).append(one)
+        links = [{"up": up, "down": down} for up, down in self.links.values()]
+        sets = [(couplings, list(self.deadbands), links) for couplings in alike.values()]
+        sets += [([one.coupling], [one.deadband], links) for one in self.extra]
+        sets += [([self.local], [0.0], [dict(_IDEAL)])] if self.local else []
         hands: dict[str, list[str]] = {}
         for one in self.operators:
             hands.setdefault(json.dumps(self._own(one, self.operators, hand)), []).append(one)
-        links = [{"up": up, "down": down} for up, down in self.links.values()]
         products: tuple[dict[str, list[Any]], ...] = tuple(
             {
                 "coupling": [parted(one)[0] for one in couplings],
                 DEADBAND: deadbands,
                 "operator": [hand(one)[0] for one in operators],
                 **{name: [value] for name, value in self._own(operators[0], self.operators, hand).items()},
-                **{name: [value] for name, value in self._own(couplings[0], self.couplings, parted).items()},
-                LINK: links,
+                **{name: [value] for name, value in self._own(couplings[0], self._texts, parted).items()},
+                LINK: over,
                 SEED: list(self.seeds),
             }
-            for couplings, deadbands in sets
+            for couplings, deadbands, over in sets
             for operators in hands.values()
         )
         varied = {"link.up", "link.down"}.union(*products)
@@ -164,7 +201,7 @@ class Plan:
         spec, found = self.spec, {row.case.key: row for row in rows}
         digests: dict[tuple[Variant, str, str], str] = {}
         outcomes = []
-        for case in self.cases():
+        for case in [*self.cases(), *self.local_cases()]:
             about = case.variant, case.link, case.operator
             if about not in digests:
                 digests[about] = spec.digest(self._values(*about))
@@ -175,14 +212,22 @@ class Plan:
 
     def _values(self, variant: Variant, link: str, operator: str) -> Values:
         up, down = self.links[link]
+        coupling, over = variant.coupling, {"up": up, "down": down}
+        if variant == LOCAL:
+            coupling, over = self.local, dict(_IDEAL)
         return {
-            "coupling": parted(variant.coupling)[0],
+            "coupling": parted(coupling)[0],
             DEADBAND: variant.deadband,
             "operator": hand(operator)[0],
             **self._own(operator, self.operators, hand),
-            **self._own(variant.coupling, self.couplings, parted),
-            LINK: {"up": up, "down": down},
+            **self._own(coupling, self._texts, parted),
+            LINK: over,
         }
+
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        """Every coupling with its own parameters, that of the local wall included."""
+        return (*self.couplings, *([self.local] if self.local else []))
 
     def _own(self, word: str, every: Sequence[str], read: Callable[[str], tuple[str, Mapping[str, object]]]) -> Values:
         """The values for this coupling or operator of all parameters that any coupling or operator sets (`read`).
@@ -238,7 +283,7 @@ def groups(plan: Plan, outcomes: Sequence[RunMeasures]) -> list[Group]:
     each: tuple[str | None, ...] = plan.operators if len(plan.operators) > 1 else ()
     return [
         _group(variant, link, operator, outcomes)
-        for link, variant, operator in product(plan.links, plan.variants, (None, *each))
+        for link, variant, operator in product(plan.links, plan.rows, (None, *each))
     ]
 
 

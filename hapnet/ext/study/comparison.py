@@ -11,7 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.pictures.style import also_to
 from hapnet.ext.study import compare as cases_of, tables
 from hapnet.ext.study.case import kept, was_passive
-from hapnet.ext.study.compare import ComparedRun, Group, Plan, RunMeasures
+from hapnet.ext.study.compare import LOCAL, ComparedRun, Group, Plan, RunMeasures
 from hapnet.ext.study.journal import Journal
 from hapnet.ext.study.plans import BASE, plans
 from hapnet.ext.study.run import Progress, journal_in, run_all
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 class Comparison:
     """The result of a comparison.
 
-    plan : of the comparison. outcomes : of each case. groups : medians of each coupling over each link, for all
-    operators together (`Group.operator` is None) and, if there are several, for each.
+    plan : of the comparison. outcomes : of each case, those of the local wall for each link. groups : medians of each
+    coupling over each link, for all operators together (`Group.operator` is None) and, if there are several, for each.
     """
 
     plan: Plan
@@ -40,12 +40,13 @@ class Comparison:
         Raises InvalidParameter: all cases failed; the message has the first error.
         """
         outcomes = plan.outcomes(journal.rows())
-        if all(one.error is not None for one in outcomes):
+        if all(one.error is not None for one in outcomes if one.case.variant != LOCAL):
             raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
         return cls(plan, outcomes, cases_of.groups(plan, outcomes))
 
     def __len__(self) -> int:
-        return len(self.outcomes)
+        """The number of runs; the local wall of a hand and a seed is one run, whatever the link."""
+        return len(self.plan.spec.cases())
 
     def __repr__(self) -> str:
         return f"Comparison({len(self)} cases; {'; '.join(self.headline)})"
@@ -106,7 +107,7 @@ def compare(
 ) -> Comparison:
     """Run each coupling over each link, with each hand and seed, in virtual time, as `hapnet compare` does.
 
-    ``compare(["pspm", "zoh"], ["4g", "leo"])`` runs four cases of 10 s.
+    ``compare(["pspm", "zoh"], ["4g", "leo"])`` runs four cases of 10 s, and the local wall.
 
     couplings : names, with parameters after colons (``"pspm:rendering=paper"``). None: all of hapnet's couplings.
     links : profiles' names, or names with tc-netem's syntax, as one text or as up and down. None: ideal, lan, 4g and

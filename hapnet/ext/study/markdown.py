@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 from hapnet.ext.metrics import METRICS
 from hapnet.ext.pictures.html import element, join, table
-from hapnet.ext.study.compare import Group, Plan
+from hapnet.ext.study import not_best
+from hapnet.ext.study.compare import LOCAL, Group, Plan
 from hapnet.ext.study.statistics import Spread
 from hapnet.ext.study.tables import OUT, headline, rounded
 
@@ -14,6 +15,7 @@ _CELL = (("stiffness_percent", 0), ("true_force_error_percent", 1), ("free_rms_m
 """The metrics in a cell of the first table, after the count of passive cases, and their digits after the point."""
 
 _SPREADS = (
+    ("felt_N_per_m", "felt stiffness [N/m]", 1.0, 0),
     ("stiffness_worst_percent", "worst tenth's stiffness [%]", 1.0, 0),
     ("true_force_error_percent", "force error [%]", 1.0, 1),
     ("true_force_error_last_percent", "force error, last minute [%]", 1.0, 1),
@@ -31,6 +33,9 @@ _SPREADS = (
     ("swing_N", "residual oscillation [mN]", 1e3, 2),
 )
 """Metrics of the last table, with the factor to multiply by and the digits after the point."""
+
+
+_PSPM = "pspm"
 
 
 def page(plan: Plan, found: Sequence[Group], title: str) -> str:
@@ -53,6 +58,7 @@ def page(plan: Plan, found: Sequence[Group], title: str) -> str:
         "",
         *_table(plan, found, _energy),
         "",
+        *_not_best(plan, found),
         "Medians over hands, their 95 % intervals (bootstrap over hands), and the worst of all cases:",
         "",
         *_head(plan, ("", "coupling")),
@@ -65,11 +71,20 @@ def page(plan: Plan, found: Sequence[Group], title: str) -> str:
     return "\n".join([*lines, ""])
 
 
+def _not_best(plan: Plan, found: Sequence[Group]) -> list[str]:
+    """Where PSPM is not the best of these; nothing if it is not among them, or alone."""
+    if len(plan.variants) < 2 or _PSPM not in map(str, plan.variants):
+        return []
+    felt, energy = (
+        {str(one): {link: cell(_group(found, one, link)) for link in plan.links} for one in plan.rows}
+        for cell in (_medians, _energy)
+    )
+    return not_best.section(_PSPM, felt, energy, [str(LOCAL)])
+
+
 def html(plan: Plan, found: Sequence[Group]) -> str:
     """The first table, below the headline, for a notebook."""
-    rows = [
-        (str(variant), *(_medians(_group(found, variant, link)) for link in plan.links)) for variant in plan.variants
-    ]
+    rows = [(str(variant), *(_medians(_group(found, variant, link)) for link in plan.links)) for variant in plan.rows]
     lines = [element("p", line) for line in headline(plan, found)]
     return join(*lines, table(("", *plan.links), rows, caption=_CELLS))
 
@@ -79,8 +94,7 @@ _CELLS = "Passive cases · rendered stiffness [%] · force error [%] · free mot
 
 def _table(plan: Plan, found: Sequence[Group], cell: Callable[[Group], str]) -> list[str]:
     rows = [
-        _row([f"`{variant}`", *(cell(_group(found, variant, link)) for link in plan.links)])
-        for variant in plan.variants
+        _row([f"`{variant}`", *(cell(_group(found, variant, link)) for link in plan.links)]) for variant in plan.rows
     ]
     return [*_head(plan, ("",)), *rows]
 

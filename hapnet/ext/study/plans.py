@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hapnet.errors import InvalidParameter
-from hapnet.ext.study.compare import ComparedRun, Plan, Variant, hand, parted
+from hapnet.ext.study.compare import ComparedRun, Plan, Variant, hand, local_wall, parted
 from hapnet.ext.study.sections import FULL, QUICK, StudySection
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
@@ -65,15 +65,17 @@ def plans(
 
     def plan(section: StudySection, extra: tuple[Variant, ...] = ()) -> Plan:
         own = {name: value for name, value in section.changes.items() if params.get(name) == BASE.get(name)}
+        whole = params.set(own)
         return _checked(
             Plan(
-                params.set(own),
+                whole,
                 tuple(dict.fromkeys(section.couplings if couplings is None else couplings)),
                 links if isinstance(links, Mapping) else links_of(links or section.links, traces),
                 tuple(dict.fromkeys(section.operators if operators is None else operators)),
                 tuple(section.seeds if seeds is None else seeds),
                 (0.0,) if deadbands is None else tuple(dict.fromkeys(deadbands)),
                 extra,
+                local_wall(whole),
             )
         )
 
@@ -97,7 +99,18 @@ def _checked(plan: Plan) -> Plan:
         Simulation(plan.case(first.variant, link, first.operator, first.seed).params, first.seed)
     for operator in plan.operators:
         Simulation(plan.case(first.variant, first.link, operator, first.seed).params, first.seed)
-    return plan
+    return plan if not plan.local or _runs(plan.local_cases()[0]) else replace(plan, local="")
+
+
+def _runs(case: ComparedRun) -> bool:
+    """Whether the parameters of a case make a run."""
+    from hapnet.simulation.simulation import Simulation
+
+    try:
+        Simulation(case.params, case.seed)
+    except InvalidParameter:
+        return False
+    return True
 
 
 def _check_words(plan: Plan) -> None:

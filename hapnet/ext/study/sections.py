@@ -4,10 +4,12 @@ own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hapnet.laws import COUPLING_NAMES
+from hapnet.params import OperatorParams
 
 HANDS = tuple(f"hand-{number}" for number in range(21, 41))
 """Hands on which nothing is tuned. Each touches a wall at the default place within 10 s, with any device spring."""
@@ -16,6 +18,9 @@ _FEW = HANDS[:8]
 _BOTH = ("pspm", "zoh")
 """PSPM, and a plain spring with the same stages. Both run on the compiled kernel."""
 
+_STAGED = ("pspm", "zoh", *(f"{law}:rendering=hapnet" for law in ("popc", "eba", "pd", "two-layer")))
+"""Every law that can have the stages, with the same stages and limits."""
+
 _FAR = ("lan", "4g", "leo", "intercontinental")
 
 
@@ -23,6 +28,12 @@ def _tap(start_m: float, peak_mps: float) -> str:
     """A press from `start_m` to 40 mm with this peak speed, which with minimum jerk is 1.875 times the mean speed."""
     reach_s = 1.875 * (0.04 - start_m) / peak_mps
     return f"press:operator_model.start_m={start_m:g}:operator_model.reach_s={reach_s:.3g}"
+
+
+def _grip(hand: str, stiffness: float) -> str:
+    """The hand with a grip of this stiffness [N/m], and a damping ratio of 0.37, as the default hand's."""
+    damping = 2.0 * 0.37 * math.sqrt(stiffness * OperatorParams().mass)
+    return f"{hand}:operator_model.stiffness={stiffness:g}:operator_model.damping={damping:.3g}"
 
 
 TAPS = tuple(_tap(start_m, peak_mps) for start_m in (0.0, -0.05, -0.1, -0.15) for peak_mps in (0.2, 0.4, 0.8))
@@ -42,6 +53,8 @@ class StudySection:
     changes: Mapping[str, object] = field(default_factory=dict)
     seeds: tuple[int, ...] = (0,)
 
+
+GRIPS = tuple(_grip(hand, stiffness) for stiffness in (50.0, 135.0, 350.0, 900.0) for hand in ("press", "strokes-51"))
 
 QUICK = StudySection(
     "every coupling for ten seconds",
@@ -82,6 +95,19 @@ FULL: Mapping[str, StudySection] = {
     "vanishes": _moving(
         "a wall that vanishes, and comes back",
         "at 4s: gone; at 7s: back; at 10s: gone; at 14s: back; at 17s: gone; at 19s: back; at 23s: gone; at 25s: back",
+    ),
+    "strokes": StudySection(
+        "fast strokes, 0.3 to 0.9 m/s, at a true wall that stands still", _STAGED, _FAR[1:],
+        tuple(f"strokes-{number}" for number in range(51, 57)), {"duration_s": 30.0},
+    ),
+    "writing": StudySection(
+        "handwriting on a plane", _STAGED, _FAR[1:], tuple(f"writing-{number}" for number in range(51, 55)),
+        {"scene": "plane", "duration_s": 20.0},
+    ),
+    "grips": StudySection("grips of 50 to 900 N/m", _STAGED, _FAR[1:], GRIPS, {"duration_s": 20.0}),
+    "peg": StudySection(
+        "a peg in a hole, in six axes", _BOTH, ("4g",), _FEW[:2],
+        {"scene": "tool:peg + hole?at=0,0,-20mm", "duration_s": 10.0},
     ),
     "solid": StudySection("a ball", _BOTH, ("4g", "intercontinental"), _FEW, {"scene": "sphere", "duration_s": 20.0}),
     "friction": StudySection(

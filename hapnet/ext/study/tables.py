@@ -43,6 +43,7 @@ OUT = (
 
 _SHOWN = (
     _Column("stiffness_percent", "stiff\n[%]", 1.0, 0),
+    _Column("felt_N_per_m", "felt\n[N/m]", 1.0, 0),
     _Column("true_force_error_percent", "true\nerror\n[%]", 1.0, 1),
     _Column("true_torque_error_percent", "true\ntorque\n[%]", 1.0, 1),  # of a tool that turns, as free_rms_deg below
     _Column("free_rms_mm", "free\nerror\n[mm]", 1.0, 1),
@@ -58,13 +59,14 @@ _SHOWN = (
 )
 """The columns by priority: a narrow table has the first `_NARROW` that have values, a wide table `_MOST`."""
 
-_NARROW, _MOST = 5, 10
+_NARROW, _MOST = 6, 10
 
 _NOTE = (
     "Medians over {operators}, each with the mean over {seeds}{interval}. A number in brackets "
     "counts the cases with a value, if some have none. A contact that was not felt counts as infinitely late. "
     "passive: cases whose two-port margin stayed above zero. out: the most energy that came out of both ports "
     "together; hand and world: of each port alone. "
+    "local wall: the best that this device can render without a network. "
     "hapnet compare --metrics defines all columns."
 )
 _INTERVAL = ", 95 % intervals by resampling these hands (quartiles of fewer than three) in a terminal of {wide} columns"
