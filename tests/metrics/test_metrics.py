@@ -223,7 +223,8 @@ def test_on_the_surface_of_a_wall_motion_is_free() -> None:
 
 def test_a_metrics_name_ends_in_its_unit() -> None:
     suffixes = {"J": "_J", "mm": "_mm", "%": "_percent", "N": "_N", "N²": "_N2", "ms": "_ms",
-                "°": "_deg", "Nm": "_Nm", "mm/min": "_mm_per_min", "1/s": "_per_s", "": ""}  # fmt: skip
+                "°": "_deg", "Nm": "_Nm", "mm/min": "_mm_per_min", "N/m": "_N_per_m",
+                "1/s": "_per_s", "": ""}  # fmt: skip
     for name, metric in METRICS.items():
         assert name == metric.name
         assert name.endswith(suffixes[metric.unit])

@@ -14,7 +14,7 @@ from hapnet.ext.metrics import METRICS
 from hapnet.ext.metrics.contact import Latency, WallContact, contact_force, latency, pressed_wall, touches
 from hapnet.ext.metrics.force import residual_oscillation, rms_difference
 from hapnet.ext.metrics.measured import quantile, value_of
-from hapnet.ext.metrics.motion import DRAG_MPS, free_windows
+from hapnet.ext.metrics.motion import DRAG_MPS, drag_by_speed, free_force, free_windows
 from hapnet.ext.metrics.obstacles import WallOrSolid, environment_force
 from hapnet.ext.study import case
 from hapnet.ext.study.compare import Plan, RunMeasures, groups
@@ -220,6 +220,31 @@ def test_contact_and_its_aftermath_are_no_free_motion() -> None:
     assert drag(run, [wall], 0.0) != pytest.approx(6.0 * DRAG_MPS, rel=0.05)
     by_proxy = recorded(x[:, None], force[:, None], 1.0 / RATE_HZ, proxy_depth=x - 0.02)
     assert drag(by_proxy, [], 0.1) == drag(run, [wall], 0.1)
+
+
+def test_the_force_in_free_air_is_a_quantile_over_time() -> None:
+    """1 N for the fastest 2 % of the time; contact and the 0.1 s after it do not count, however strong its force."""
+    x, v = swept(T)
+    fast = np.abs(v) > np.quantile(np.abs(v), 0.98)
+    force = np.where(fast, 1.0, 0.2)[:, None]
+    run = recorded(x[:, None], force, 1.0 / RATE_HZ)
+    assert free_force(run, [], 0.1) == 1.0
+    assert free_force(run, [], 0.1, 0.97) == 0.2
+    late = 9.0 * (swept(T - 0.1)[0] > 0.02)[:, None]
+    touching = recorded(x[:, None], np.maximum(force, late), 1.0 / RATE_HZ)
+    wall = Wall((1.0,), 0.02, 3000.0)
+    assert free_force(touching, [wall], 0.1, 0.999) == 1.0
+    assert free_force(touching, [wall], 0.0, 0.999) == 9.0
+
+
+def test_the_drag_in_each_range_of_speed() -> None:
+    """A damper of 2 Ns/m and a force that only pushes forward and back; a range without motion has no drag."""
+    v = np.concatenate([np.full(200, 0.1), np.full(200, -0.5), np.full(20, 0.9)])
+    force = (-2.0 * v + np.where(np.arange(420) % 2, 0.3, -0.3))[:, None]
+    run = recorded(np.cumsum(v)[:, None] * TICK_S, force, TICK_S)
+    run.device["velocity_mps"][:, 0] = v
+    drags = drag_by_speed(run, [], 0.0, (0.05, 0.2, 0.4, 0.7, 1.0))
+    assert drags == [pytest.approx(0.2), None, pytest.approx(1.0), pytest.approx(1.8)]
 
 
 def test_no_drag_where_nothing_moves_freely() -> None:

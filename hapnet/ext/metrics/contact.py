@@ -42,6 +42,15 @@ def stiffness_percent(run: Measured) -> float | None:
     return 100.0 * rendered / ideal_stiffness(run.params, wall.stiffness)
 
 
+@metric("felt stiffness", "N/m", "higher", over="time in settled contact")
+def felt_N_per_m(run: Measured) -> float | None:
+    """The rendered stiffness itself: the slope of the resisting force over the penetration in settled contact. No wall
+    can be felt stiffer than it is, nor stiffer than the device renders without a network."""
+    if run.walls is None or run.delay_s is None or pressed_wall(run.device, run.walls) is None:
+        return None
+    return rendered_stiffness(run.recording, run.walls, run.delay_s)
+
+
 @metric("stiffness, worst tenth", "%", "nearer 100", over="time in settled contact of a tenth of the run")
 def stiffness_worst_percent(run: Measured) -> float | None:
     """The rendered stiffness in each tenth of the run, in % of the stiffness of the springs and the wall in series; of

@@ -74,6 +74,15 @@ def drag_last_N(run: Measured) -> float | None:
     return None if found is None or last is None else found.during(last).drag()
 
 
+@metric("force, free, 99th percentile", "N", "lower", over="time in free motion")
+def free_force_p99_N(run: Measured) -> float | None:
+    """99th percentile of the force in free space, at any speed: what a fast hand feels where nothing is. Time within a
+    round trip and two of the longest steps after a contact is left out."""
+    if run.delay_s is None or run.world is None or run.walls is None:
+        return None
+    return free_force(run.recording, run.walls, run.delay_s + 2.0 * float(run.world["step_s"].max()))
+
+
 @metric("contact to drag", "", "higher", over="time in settled contact; time in free motion")
 def contact_to_drag(run: Measured) -> float | None:
     """Median resisting force in settled contact over the drag at 67 mm/s (0.01 N if the drag is less): at 1, free
@@ -195,6 +204,58 @@ def free_windows(recording: Recording, walls: Sequence[WallOrSolid], settling_s:
     total = np.cumsum(device["force_N"], axis=0)
     velocity = ((x[width:] - x[:-width]) / (width * period_s))[free]
     return FreeWindows(times[width:][free], velocity, ((total[width:] - total[:-width]) / width)[free], period_s)
+
+
+def free_force(
+    recording: Recording, walls: Sequence[WallOrSolid], settling_s: float, share: float = 0.99
+) -> float | None:
+    """The quantile at `share` of the force's magnitude over the time in free motion [N], as `free_windows` counts it.
+
+    None: the two sides are not on one clock, or there is less than 0.3 s of such time.
+    """
+    free = _free(recording, walls, settling_s)
+    if free is None:
+        return None
+    device, counted = free
+    spans, force = durations_s(device)[counted], np.linalg.norm(device["force_N"][counted], axis=1)
+    if spans.sum() < _MIN_S:
+        return None
+    order = np.argsort(force)
+    return float(force[order][np.searchsorted(np.cumsum(spans[order]), share * spans.sum())])
+
+
+def drag_by_speed(
+    recording: Recording, walls: Sequence[WallOrSolid], settling_s: float, edges_mps: Sequence[float]
+) -> list[float | None] | None:
+    """The mean force against free motion [N] in each range of speed between two of `edges_mps` [m/s].
+
+    None: the two sides are not on one clock; in a range: there is less than 0.3 s of such motion. A force that only
+    accelerates and brakes, such as a mass's, cancels over strokes that begin and end at rest.
+    """
+    free = _free(recording, walls, settling_s)
+    if free is None:
+        return None
+    device, counted = free
+    spans, velocity = durations_s(device)[counted], device["velocity_mps"][counted]
+    speed = np.linalg.norm(velocity, axis=1)
+    against = -np.einsum("ij,ij->i", device["force_N"][counted], velocity) / np.maximum(speed, 1e-9)
+    at = np.digitize(speed, edges_mps)
+    lasting = [float(spans[at == k].sum()) for k in range(1, len(edges_mps))]
+    total = [float((against * spans)[at == k].sum()) for k in range(1, len(edges_mps))]
+    return [one / lasted if lasted >= _MIN_S else None for one, lasted in zip(total, lasting, strict=True)]
+
+
+def _free(
+    recording: Recording, walls: Sequence[WallOrSolid], settling_s: float
+) -> tuple[Columns, NDArray[np.bool_]] | None:
+    """The device's columns, and which of its samples are in free motion; None: the two sides are not on one clock."""
+    device, world = recording.device, recording.world
+    if device is None or world is None or not recording.meta.get("aligned", True):
+        return None
+    times, touched = device["time_s"], touching(device, world)
+    for wall in walls:
+        touched |= wall.depths(device["position_m"]) > 0.0
+    return device, times - np.maximum.accumulate(np.where(touched, times, -np.inf)) > settling_s
 
 
 _TRAVELS_S = (0.1, 0.2, 0.4)

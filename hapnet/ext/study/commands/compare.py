@@ -39,6 +39,13 @@ _SHORT_S, _AT_ONCE_S = 5.0, 300.0
 """The longest run of a case for the estimate of its time, and the total simulated time without an estimate [s]."""
 
 
+def _anchors() -> list[str]:
+    """The names of the anchors, for TAB."""
+    from hapnet.ext.study.anchors import ANCHORS
+
+    return ["list", *ANCHORS]
+
+
 @dataclass(frozen=True)
 class CompareOptions:
     """Options for the choice of what to compare and what to show."""
@@ -89,7 +96,7 @@ class CompareOptions:
         typer.Option(
             metavar="NAME|FILE",
             help="Operators: rest, sine, press, hand-1, recordings."
-            "\n\nMay be repeated. NAME@light: relaxed. hand-N is generated. "
+            "\n\nMay be repeated. NAME@light: relaxed. hand-N, strokes-N and writing-N are generated. "
             f"Parameters of its own after colons. Default: {QUICK.operators[0]}; without any list, all of "
             f"{', '.join(QUICK.operators)}.",
             rich_help_panel=_LINKS,
@@ -130,6 +137,16 @@ class CompareOptions:
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard an earlier comparison in --out, and start again.")] = (
         False
     )
+    anchor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Run a published setting instead; list: all of them."
+            "\n\nPrints the published figures, ours, and why they differ.",
+            rich_help_panel=_LINKS,
+            autocompletion=_anchors,
+        ),
+    ] = None
     dry_run: Annotated[bool, own.dry_run("List the cases, estimate the time by a few of them, and end.")] = False
     metrics: Annotated[bool, typer.Option("--metrics", help="Print the definition of each metric and end.")] = False
 
@@ -161,6 +178,10 @@ def compare(
     if options.metrics:
         console.print(tables.definitions())
         return 0
+    if options.anchor is not None:
+        from hapnet.ext.study.commands import anchors
+
+        return anchors.show(console, options, chosen, json_to)
     plans = _plans(chosen, options)
     drawn = {name: drawn_case(plan, options.case) for name, plan in plans.items()}
     if not options.dry_run:
@@ -271,6 +292,7 @@ def _announce(console: Console, plans: Mapping[str, Plan], given: CompareOptions
     for name, plan in plans.items():
         parts = [(plan.variants, "coupling"), (plan.links, "link"), (plan.operators, "operator"), (plan.seeds, "seed")]
         counts = [f"{len(values)} {part}{'s' * (len(values) != 1)}" for values, part in parts]
+        counts += [f"and {len(plan.operators) * len(plan.seeds)} of the local wall"] if plan.local else []
         console.print(f"{name}{': ' * bool(name)}{len(cases[name])} cases: {', '.join(counts)}", markup=False)
         if given.dry_run:
             for values, part in parts:
@@ -341,6 +363,8 @@ def _write(
 
 def _same(case: ComparedRun, outcomes: Iterable[RunMeasures]) -> list[ComparedRun]:
     """This case with every variant for which it did not fail."""
+    from hapnet.ext.study.compare import LOCAL
+
     wanted = (case.link, case.operator, case.seed)
-    return [one.case for one in outcomes
-            if one.error is None and (one.case.link, one.case.operator, one.case.seed) == wanted]  # fmt: skip
+    runs = [one.case for one in outcomes if one.error is None and one.case.variant != LOCAL]
+    return [one for one in runs if (one.link, one.operator, one.seed) == wanted]
