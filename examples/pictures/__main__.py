@@ -22,7 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LINK = "--delay 40ms --jitter 10ms --loss 2%"
 SHOWN = "pspm,zoh,popc,eba,tdpa,wave,digital-wave,pd"
 COMPARED = f"--coupling {SHOWN} --set device.stiffness=100 --deadband 0 --case 4g,hand-21,0"
-DIFFERENT = "--coupling pspm,zoh,popc:rendering=hapnet,eba:rendering=hapnet,pd:rendering=hapnet --deadband 0"
+STAGED = "pspm,zoh,popc:rendering=hapnet,eba:rendering=hapnet,pd:rendering=hapnet,two-layer:rendering=hapnet"
+DIFFERENT = f"--coupling {STAGED} --deadband 0"
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def scene(picture: str, flags: str) -> Recipe:
 RECIPES = (
     simulated("run.png", f"{LINK} --seed 1"),
     Recipe(("examples.pictures.credit --out DIR",), {"credit.png": "credit.png"}),
+    Recipe(("examples.pictures.drag --out DIR",), {"drag.png": "drag.png"}),
     Recipe(("examples.pictures.grain --out DIR",), {"grain.png": "grain.png"}),
     Recipe(("examples.pictures.peg --out DIR",), {"peg.gif": "peg.gif"}),
     Recipe(("examples.pictures.soft --out DIR",), {"soft.gif": "soft.gif"}),
@@ -73,9 +75,9 @@ RECIPES = (
     Recipe(("hapnet tune examples/tune/pspm.toml --out DIR",), {"tune.png": "tune.png"}),
     Recipe((f"hapnet compare --bench hands --link 4g --operator hand-21 {COMPARED} --out DIR",),
            {"traces.png": "hands/traces.png"}),
-    Recipe((f"hapnet compare --bench hands --link 4g {DIFFERENT} --set device.stiffness=100 "
+    Recipe((f"hapnet compare --bench hands --link 4g {DIFFERENT} "
             "--set scene=examples.pictures.lying:liar --out DIR/lying",
-            f"hapnet compare --bench moves --link 4g {DIFFERENT} --set device.stiffness=700 --out DIR/moving",
+            f"hapnet compare --bench moves --link 4g {DIFFERENT} --out DIR/moving",
             "examples.pictures.compare --table DIR --out DIR"), {"compared.csv": "compared.csv"}),
     Recipe(("examples.pictures.compare --out DIR",), {"compare.png": "compare.png"}),
 )  # fmt: skip

@@ -57,9 +57,9 @@ UPPER = (
 LOWER = (
     Pair("each plane sent is false: 4g, light hand", {**FOUR_G, **RELAXED_HAND, "scene": "moving", "dof": 2}, 1, True),
     Pair(
-        "K 700 N/m (rings with either): intercontinental, hand-23",
-        {**FAR, "operator": "hand-23", "device.stiffness": 700.0, "duration_s": 600.0},
-        23,
+        "a gyroid with friction: intercontinental, hand-6",
+        {**FAR, "operator": "hand-6", "scene": "sdf:examples.fields:gyroid?friction=0.2", "duration_s": 20.0},
+        3,
     ),
 )
 

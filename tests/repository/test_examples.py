@@ -118,7 +118,7 @@ def test_own_world(tmp_path: Path) -> None:
     said = run("own_world", cwd=tmp_path)
     walls = numbers("wall, # N/m: # mm deep, # N felt", said)
     assert [wall[0] for wall in walls] == [100.0, 1000.0]
-    hand, K, K_v, amplitude = 135.0, 200.0, 500.0, 0.03
+    hand, K, K_v, amplitude = 135.0, 600.0, 500.0, 0.03
     for K_w, depth_mm, felt_N in walls:
         x, p = np.linalg.solve([[hand + K, -K], [K_v, -K_v - K_w]], [hand * amplitude, -K_w * 0.02])
         assert depth_mm == pytest.approx(1e3 * (p - 0.02), rel=0.1)

@@ -119,7 +119,7 @@ def test_every_figure_of_readme_is_made_by_something() -> None:
     assert unknown(README.read_text("utf-8")) == []
 
 
-@pytest.mark.parametrize(("figure", "by_hand"), [("171 N/m", "172 N/m"), ("150 mJ", "160 mJ"), ("150 mJ", "15 mJ")])
+@pytest.mark.parametrize(("figure", "by_hand"), [("600 N/m", "700 N/m"), ("150 mJ", "160 mJ"), ("150 mJ", "15 mJ")])
 def test_a_figure_of_readme_that_is_changed_by_hand_is_found(figure: str, by_hand: str) -> None:
     text = README.read_text("utf-8") + f"\nA wall is felt as {figure}.\n"
     assert unknown(text) == []
@@ -159,7 +159,7 @@ def test_the_comparisons_page_has_the_figures_of_its_cases() -> None:
         kept = sum(float(row["out_mJ"]) <= compare.BOUND_MJ for row in rows)
         assert passive.strip() == f"{kept}/{len(rows)}"
         for shown, name in zip(medians, names, strict=True):
-            value = median(float(row[name]) for row in rows)
+            value = median(float(row[name]) for row in rows if row[name])
             assert float(shown) == pytest.approx(value, abs=0.51 * 10.0 ** -len(shown.partition(".")[2])), name
 
 
@@ -169,8 +169,8 @@ def test_the_comparisons_page_has_the_figures_of_its_cases() -> None:
 )
 def test_a_case_of_the_comparison_is_measured_as_before(world: str, coupling: str) -> None:
     bench, changes = {
-        "lying": ("hands", {"device.stiffness": 100.0, "scene": "examples.pictures.lying:liar"}),
-        "moving": ("moves", {"device.stiffness": 700.0}),
+        "lying": ("hands", {"scene": "examples.pictures.lying:liar"}),
+        "moving": ("moves", {}),
     }[world]
     (row, *_) = dict(of_couplings())[world, coupling]
     (plan,) = plans(
