@@ -13,7 +13,7 @@ actuators are at their limit (see `limited_coupling`). `tick` computes a tick.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Protocol
+from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,6 +80,9 @@ class SimulatedDevice(Record):
 
     Raises InvalidParameter: a value is not allowed.
     """
+
+    cuts_force: ClassVar[bool] = False
+    """Whether the actuators may hold less than `apply` returns; after a tick `state.torque` is the force they held."""
 
     dof: int
     mass: float

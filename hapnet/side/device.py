@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import CouplingState, ForceParts
@@ -23,6 +23,8 @@ from hapnet.side.endpoint import DeviceControl
 from hapnet.side.punctuality import Punctuality
 from hapnet.wire.fields import Signal
 from hapnet.wire.signals import STOP
+
+S = TypeVar("S", DeviceSample, MetricSample)
 
 Write = Callable[[Sample], None]
 Clock = Callable[[], int]
@@ -98,6 +100,7 @@ class DeviceSide(ABC):
         self._late = self._releases_spring = False
         self._excused = False  # the next tick is late because the device was silent
         self._write = drive.write
+        self._waiting: Callable[[], None] | None = None
         self.last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device was advanced
 
@@ -218,8 +221,15 @@ class DeviceSide(ABC):
         self.live_hand.place(position)
         self.device.place(position)
 
+    def write_waiting(self) -> None:
+        """Write the last tick's sample, if it waits for the force that the device has held since then."""
+        if self._waiting is not None:
+            self._waiting()
+            self._waiting = None
+
     def stop(self) -> None:
         """Set the force to zero, for good."""
+        self.write_waiting()
         self.device.apply((0.0,) * self.device.dof)
 
     def _read(self) -> tuple[Vector, Vector]:
@@ -278,13 +288,14 @@ class DeviceSide(ABC):
     ) -> None:
         """Record the device at x [m] with velocity v [m/s], the forces on it [N] and the target of its hand [m]."""
         if self.drive.write_motion is not None:
-            self.drive.write_motion(MetricSample(now_ns, x, force, target))
+            self._emit(self.drive.write_motion, MetricSample(now_ns, x, force, target))
             return
         coupling = self.endpoint.coupling
         ledger = coupling.ledger
         spring, damper, model, added = self._parts(x, force) or _UNKNOWN
         age_s, transit_s = self.endpoint.used(now_ns)
-        self._write(
+        self._emit(
+            self._write,
             DeviceSample(
                 time_ns=now_ns,
                 position_m=x, velocity_mps=v, set_position_m=coupling.set_position, target_m=coupling.target,
@@ -295,10 +306,14 @@ class DeviceSide(ABC):
                 sent_J=ledger.sent, credited_J=ledger.credited, margin_J=ledger.margin, slack_J=ledger.slack,
                 bound_J=ledger.bound, work_J=ledger.work, stored_J=ledger.stored, account_J=ledger.reservoir,
                 age_s=age_s, transit_s=transit_s,
-            )
+            ),
         )  # fmt: skip
         if isinstance(self.device, SimulatedDevice) and (angles := self.device.posture):
             self._write(PostureSample(now_ns, angles))
+
+    def _emit(self, write: Callable[[S], None], sample: S) -> None:
+        """Write the sample of this tick; in the next one, if the device tells only then which force it held."""
+        write(sample)
 
 
 @equation

@@ -23,7 +23,8 @@ class HeldDevice(Record):
     true_ledger : the account with the true positions, at the actuator's port; at the hand's port if the servo harvests
         by (10) (`ranged`). true_work : the harvest at the actuator's port. hand : the account at the hand's port.
     before : the position at the tick's begin [m]. hand_work, work : the energy put in at the hand's and the actuator's
-        port in this tick [J].
+        port in this tick [J]. cut_ticks : the number of ticks in which the actuators held less than the
+        servo's force.
     """
 
     plant: SimulatedDevice
@@ -36,12 +37,13 @@ class HeldDevice(Record):
     before: OfAxes
     hand_work: float
     work: float
+    cut_ticks: int
 
     def __init__(self, plant: SimulatedDevice, servo: Any, hand: Ledger) -> None:
         self.plant, self.servo, self.coupling, self.hand = plant, servo, servo.coupling, hand
         self.true_work = MeasuredHarvest(servo.trusted_damping)
         self.ranged = int(servo.harvest == "range")
-        self.before, self.hand_work, self.work = list(plant.position), 0.0, 0.0
+        self.before, self.hand_work, self.work, self.cut_ticks = list(plant.position), 0.0, 0.0, 0
         self.true_ledger = Ledger(_stored(self), servo.coupling.account)
 
 
@@ -52,8 +54,19 @@ def live(side: HeldDevice, hand: Hand | None, periods: int) -> None:
     side.hand_work = 0.0
     for _ in range(periods):
         side.hand_work += advance(side.plant, hand)
-    copy(side.plant.dof, side.plant.state.torque, side.servo.held)  # an arm's motors may have cut it
+    _take_over(side)
     ledgers.put_in(side.hand, side.hand_work)
+
+
+@equation
+def _take_over(side: HeldDevice) -> None:
+    """Let the servo know the force that was really held: an arm's motors may have cut it."""
+    cut = 0
+    for i in range(side.plant.dof):
+        if side.plant.state.torque[i] != side.servo.held[i]:
+            cut = 1
+    side.cut_ticks += cut
+    copy(side.plant.dof, side.plant.state.torque, side.servo.held)
 
 
 @equation

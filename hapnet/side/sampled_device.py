@@ -15,7 +15,7 @@ from hapnet.plant.operating_range import OperatingRange, RangeWatch
 from hapnet.recording.samples import Event
 from hapnet.side import held_device
 from hapnet.side.clutch import Clutch
-from hapnet.side.device import DeviceSide, Drive, Observe
+from hapnet.side.device import DeviceSide, Drive, Observe, S
 from hapnet.side.endpoint import NANO, DeviceControl
 from hapnet.side.held_device import HeldDevice
 from hapnet.wire.signals import LEADS
@@ -77,7 +77,10 @@ class SampledDeviceSide(DeviceSide):
         return self.servo.quantisation if self.origin_ns is not None else None
 
     def held_forces(self) -> dict[str, Any]:
-        return {} if self.origin_ns is None else self.servo.figures()
+        if self.origin_ns is None:
+            return {}
+        cut = {} if self._simulated is None or self.held is None else {"cut_ticks": self.held.cut_ticks}
+        return {**self.servo.figures(), **cut}
 
     def stop(self) -> None:
         super().stop()
@@ -123,6 +126,7 @@ class SampledDeviceSide(DeviceSide):
                     self._live_through(held, self._follow)
                 periods = 1
             held_device.live(held, None, periods)
+            self.write_waiting()
         x, v = self._read()
         self._dt = max(self._elapsed(), elapsed_s)
         if self._watch is None or self._watch.passes(self._dt, x, v):
@@ -209,6 +213,7 @@ class SampledDeviceSide(DeviceSide):
         tick, lowest, hand_lowest = self.ticks, ledger.work, hand.work
         for at_ns in range(now_ns, now_ns + ticks * self.drive.period_ns, self.drive.period_ns):
             held_device.live(held, None, 1)
+            self.write_waiting()
             self.x, self._v = held.plant.read()
             held_device.count(held, dt)
             update = servo.tick(dt, self.x, self._v)
@@ -232,6 +237,12 @@ class SampledDeviceSide(DeviceSide):
         else:
             hand, target = simulated.hand_force, self._frame.coupled(simulated.references[-1])
             self._record(now_ns, self.x, self._v, self.servo.force, hand, target)
+
+    def _emit(self, write: Callable[[S], None], sample: S) -> None:
+        if self._simulated is None or not self._simulated.cuts_force:
+            write(sample)
+        else:
+            self._waiting = lambda: write(sample._replace(force_N=self.servo.force))
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
         return self.servo.parts

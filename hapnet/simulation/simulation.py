@@ -198,6 +198,7 @@ class Simulation:
         if kernel is not None:
             kernel.write_back()
         summary = self.close(end_ns)
+        self.device.write_waiting()
         recording = self._recorder.recording(summary)
         summary["motion"] = motion(recording)
         return Result(summary, recording, self.device, self.world, self.setup.warnings, self.hand_port)

@@ -205,6 +205,7 @@ class DevicePart(TypedDict, total=False):
     speed_max_mps: Number
     speed_limit_mps: Number
     guarded_ticks: Count
+    cut_ticks: Count
     force: str | None
     hand_work_J: Number
     stopped: Stopped | None

@@ -56,6 +56,14 @@ class _Row(NamedTuple, Generic[Part]):
     words: Callable[[Any], str]
 
 
+def cut_share(of: SidePart | None) -> float | None:
+    """The share of a device's ticks in which the motors could not hold the whole force; None: unknown."""
+    if of is None or "servo" not in of:
+        return None
+    cut, ticks = known(of["cut_ticks"]), known(of["servo"]["ticks"])
+    return None if cut is None or not ticks else cut / ticks
+
+
 _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("given out, most", "mJ", lambda of: of["ledger"]["energy_out_J"], millijoule),
     _Row("margin at the end", "mJ", lambda of: of["ledger"]["margin_end_J"], millijoule),
@@ -68,6 +76,7 @@ _SIDES: tuple[_Row[SidePart], ...] = (
     _Row("given out while the servo stalled", "mJ", lambda of: of["overrun_leak_J"], millijoule),
     _Row("max speed", "m/s", lambda of: of["speed_max_mps"], number),
     _Row("force in the account", "", lambda of: of["force"], text),
+    _Row("ticks in which the motors held less", "%", cut_share, percent),
     _Row("sent", "mJ", lambda of: of["sent_nJ"], shuffled),
     _Row("credited", "mJ", lambda of: of["credited_nJ"], shuffled),
     _Row("discarded", "mJ", lambda of: of["discarded_nJ"], shuffled),
@@ -243,7 +252,16 @@ def brief(summary: Summary) -> list[str]:
 
 
 def felt_line(summary: Summary) -> str:
-    """How stiff a wall was felt, in one sentence; without a wall the largest force; "": neither is known."""
+    """How stiff a wall was felt, in one sentence; without a wall the largest force; "": neither is known.
+
+    A second sentence says in which share of the ticks the motors could not hold the whole force, from 0.5 % on.
+    """
+    cut = known(cut_share(summary["device"]))
+    motors = f"The motors could not hold the whole force in {cut:.0%} of the ticks." if cut and cut >= 0.005 else ""
+    return " ".join(filter(None, (_felt(summary), motors)))
+
+
+def _felt(summary: Summary) -> str:
     surroundings, moved, units = summary["environment"], summary["motion"], summary["units"]
     wall, hand = known(surroundings["stiffness_N_m"]), known(surroundings["felt_stiffness_N_m"])
     force, torque = known(moved["peak_force_N"]), known(moved["peak_torque_Nm"])

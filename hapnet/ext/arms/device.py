@@ -38,6 +38,8 @@ class SimulatedArm(SimulatedDevice):
     Raises InvalidParameter: a value is not allowed, or the hand's start is out of reach.
     """
 
+    cuts_force = True
+
     def __init__(
         self,
         table: ArmTable,

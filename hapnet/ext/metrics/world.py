@@ -9,6 +9,7 @@ import numpy as np
 from hapnet.checks import Array
 from hapnet.ext.metrics.measured import Mask, Measured, metric, scaled
 from hapnet.recording.samples import Columns, Recording
+from hapnet.summary.tables import cut_share
 
 _MODULATED_M = 1e-9
 """A set-position that is farther than this from the wanted one is modulated [m]; less is rounding."""
@@ -43,6 +44,13 @@ def modulated_percent(run: Measured) -> float | None:
 def modulated_device_percent(run: Measured) -> float | None:
     """The share of the device's updates that were modulated, as counted in the run's summary (modulated_share)"""
     return scaled(run.sides[0]["modulated_share"], 100.0)
+
+
+@metric("ticks in which the motors held less", "%", "lower", over="the servo's ticks")
+def force_cut_percent(run: Measured) -> float | None:
+    """The share of the servo's ticks in which the motors could not hold its whole force, from the run's summary
+    (cut_ticks); only a simulated arm's motors can hold less, each up to its own torque."""
+    return scaled(cut_share(run.sides[0]), 100.0)
 
 
 def visits(inside: Mask) -> int:

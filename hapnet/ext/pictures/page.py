@@ -177,6 +177,7 @@ def _values(summary: Summary) -> list[tuple[str, str]]:
     lost = {way: part["loss"] for way in DIRECTIONS if (part := path[way]) is not None and part["loss"] is not None}
     found: list[tuple[str, object, str, str]] = [
         ("largest force on the hand", moved["peak_force_N"], number(moved["peak_force_N"]), within(units, "N")),
+        ("ticks in which the motors held less", cut := tables.cut_share(summary["device"]) or None, percent(cut), "%"),
         ("wall", wall := felt(summary["environment"], springs=False, units=units), str(wall), ""),
         ("lowest margin", theorem["margin_J"], millijoule(theorem["margin_J"]), "mJ"),
         ("round trip", path["round_trip_p50_ms"], number(path["round_trip_p50_ms"]), "ms"),
