@@ -110,11 +110,15 @@ class Surroundings(Protocol):
         return 0.0 if plane is None else plane.depth(position)
 
 
+_AT_REST_M = 1e-13
+"""A shorter way is rounding, some 1e-16 m on each axis: divided by it, rounding of the work would be newtons."""
+
+
 def doing(work_J: float, force: Vector, moved: Sequence[float]) -> Vector:
     """The force nearest to `force` (n,) [N] that does this work along `moved` (n,) [m]: the mean force of a step that
-    was made in parts. `force` itself if nothing moved.
+    was made in parts. `force` itself if nothing moved but by rounding.
     """
-    if not (square := inner(moved, moved)) > 0.0:
+    if not (square := inner(moved, moved)) > _AT_REST_M * _AT_REST_M:
         return force
     more = (work_J - inner(force, moved)) / square
     return tuple([part + more * along for part, along in zip(force, moved, strict=True)])

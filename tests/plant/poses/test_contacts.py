@@ -12,9 +12,10 @@ from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import HalfSpace, Shape, Sphere
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.mass import ToolMass
-from hapnet.ext.tools.scene import ToolPicture, ToolScene
+from hapnet.ext.tools.scene import ToolPicture, ToolScene, builder
 from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
+from hapnet.mechanics.contacts import doing
 from hapnet.mechanics.pose import ARM_M, AXES
 from tests.conftest import mostly_slow
 
@@ -241,3 +242,22 @@ def test_a_tools_spring_is_one_number_for_the_point_and_one_for_turning(wrong: t
     stiffness[wrong[0]] = wrong[1]
     with pytest.raises(InvalidParameter, match="one number above 0 for the point"):
         ToolMass(contacts, M, B, stiffness, HOME)
+
+
+@pytest.mark.parametrize("step_ms", [0.5, 1.0, 3.0, 7.0, 10.0, 20.0, 30.0, 50.0])
+def test_a_tool_at_rest_reports_its_load(step_ms: float) -> None:
+    """A box on a plane, its goal 10 mm deeper: K = 500 N/m in series with four corners of 3000 N/m are 4.8 N."""
+    scene = builder("tool:box + plane?normal=0,0,-1&at=0,0,-20mm&friction=0.3")()
+    mass, dt = ToolMass(scene.contacts, 0.02, 14.0, 500.0, tuple(scene.start)), 1e-3 * step_ms
+    goal = (0.0, 0.0, -0.02, *(0.0,) * 9)
+    for k in range(round(6.0 / dt)):
+        step = mass.step(dt, goal, scene.contacts)
+        if k * dt > 3.0:
+            assert step.force[2] == pytest.approx(4.8, rel=0.01)
+            assert step.coupling_force[2] == pytest.approx(-4.8, rel=0.01)
+
+
+def test_a_cut_step_reports_the_mean_force_that_does_its_work() -> None:
+    """The nearest force with this work; a way of a rounding error tells nothing of it."""
+    assert doing(0.3, (1.0, 2.0), (0.1, 0.0)) == pytest.approx((3.0, 2.0))
+    assert doing(1e-17, (4.8, 0.0), (1e-16, 0.0)) == (4.8, 0.0)
