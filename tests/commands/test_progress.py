@@ -131,6 +131,14 @@ def test_a_bar_is_one_line_and_is_gone_at_the_end(width: int) -> None:
     assert text.endswith("\x1b[2K")
 
 
+def all_of(window: int) -> str:
+    """All that a terminal shows; one read may return a part of it."""
+    seen = b""
+    while select.select([window], [], [], 0.5)[0]:
+        seen += os.read(window, 65536)
+    return seen.decode()
+
+
 def test_lines_that_are_said_meanwhile_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both streams are one terminal: each line is above the bar, also those that a user's own coupling prints."""
     window, inside = pty.openpty()
@@ -147,7 +155,7 @@ def test_lines_that_are_said_meanwhile_stay(monkeypatch: pytest.MonkeyPatch) -> 
             progress.update(2.0)
         assert sys.stdout is sys.stderr is terminal
         terminal.flush()
-        seen = os.read(window, 65536).decode()
+        seen = all_of(window)
     os.close(window)
     for line in ("device: paired with the world", "a user's figure", "a user's warning"):
         assert f"\r\x1b[2K{line}\r\n" in seen
@@ -167,7 +175,7 @@ def test_what_goes_to_a_file_does_not_pass_through_the_bar(
             words.print("a line")
             print("a user's figure")
         terminal.flush()
-        seen = os.read(window, 65536).decode()
+        seen = all_of(window)
     os.close(window)
     assert capsys.readouterr().out == "a line\na user's figure\n"
     assert "1 of 60 s" in seen
