@@ -99,7 +99,6 @@ class DeviceSide(ABC):
         """The simulated hand, if a user moves it during the run."""
         self._late = self._releases_spring = False
         self._excused = False  # the next tick is late because the device was silent
-        self._write = drive.write
         self._waiting: Callable[[], None] | None = None
         self.last_ns = 0
         self._expected_ns = 0  # the time up to which a simulated device was advanced
@@ -220,6 +219,15 @@ class DeviceSide(ABC):
         assert self.origin_ns is None, "control has started"
         self.live_hand.place(position)
         self.device.place(position)
+
+    @property
+    def _write(self) -> Callable[[Sample], None]:
+        """Records a sample or an event."""
+        return self.drive.write
+
+    def write_later(self, write: Callable[[], None]) -> None:
+        """Call `write` when the device has told which force it held: in the next tick, or at the end."""
+        self._waiting = write
 
     def write_waiting(self) -> None:
         """Write the last tick's sample, if it waits for the force that the device has held since then."""

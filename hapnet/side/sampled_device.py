@@ -242,7 +242,7 @@ class SampledDeviceSide(DeviceSide):
         if self._simulated is None or not self._simulated.cuts_force:
             write(sample)
         else:
-            self._waiting = lambda: write(sample._replace(force_N=self.servo.force))
+            self.write_later(lambda: write(sample._replace(force_N=self.servo.force)))
 
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None:
         return self.servo.parts

@@ -9,6 +9,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.recording.samples import Columns, Recording
+from tests.support.own_motion import beyond
 
 ROUNDING_J = 1e-9
 NANO = 1e-9
@@ -35,7 +36,7 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
         np.isin(columns["time_ns"][1:], [event.time_ns for event in recording.events if event.kind == kind])
         for kind in ("overrun", "parent")
     )
-    steps = lengths(np.diff(columns["set_position_m"], axis=0))
+    steps = _steps(columns, math.ceil(params["pspm_period_s"] * params["servo_hz"] - 1e-6))
     assert steps[~late & ~withheld].max() * params["stiffness"] <= params["step_limit_N"] + 1e-9
     released = np.flatnonzero(late & reported if gaps else late) + 1
     assert (columns["set_position_m"][released] == columns["position_m"][released]).all()
@@ -46,8 +47,17 @@ def assert_device_within_limits(recording: Recording, *, gaps: bool = False) -> 
 def assert_world_within_limits(recording: Recording) -> None:
     """Steps of the virtual coupling's set-position, at every step of the recording."""
     columns, params = recording.world, recording.meta["params"]["world"]
-    steps = lengths(np.diff(columns["set_position_m"], axis=0))
-    assert steps.max(initial=0.0) * params["stiffness"] <= params["step_limit_N"] + 1e-9
+    assert _steps(columns, 1).max(initial=0.0) * params["stiffness"] <= params["step_limit_N"] + 1e-9
+
+
+def _steps(columns: Columns, ticks: int) -> Array:
+    """The steps of the set-position beyond the part that the own motion causes in the spring's force [m].
+
+    ticks : between two updates of the set-position, which takes all motion since the last one.
+    """
+    chosen, place = columns["set_position_m"], columns["position_m"]
+    before = np.concatenate([np.repeat(place[:1], ticks, axis=0), place])[: len(place)]
+    return np.array([beyond(*one) for one in zip(chosen[1:], chosen[:-1], (place - before)[1:], strict=True)])
 
 
 def assert_passive(columns: Columns, *, restarted: bool = False) -> None:

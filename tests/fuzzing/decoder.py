@@ -133,7 +133,7 @@ def _signals(values: object, most: int = 32) -> bool:
 def _planes(planes: object, dof: int) -> bool:
     if planes is None:
         return True
-    if not (isinstance(planes, list) and len(planes) <= 4):
+    if not (isinstance(planes, list) and len(planes) <= 8):
         return False
     return all(isinstance(plane, list) and len(plane) == 5 and _plane(plane, dof) for plane in planes)
 
