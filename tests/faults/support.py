@@ -41,8 +41,8 @@ PRESSED = (
 )  # fmt: skip
 """A hand that goes to the wall at once and stays there."""
 
-PRESSED_M = 0.005
-"""A hand that is so far from the proxy presses [m]: with 100 N/m it feels half a newton."""
+PRESSED_M = 0.002
+"""A hand that is so far from the proxy presses [m]: with 100 N/m it feels 0.2 N, with 600 N/m 1.2 N."""
 
 _PRESSED_STEPS = 5  # of the world: no longer the impact, which may bounce
 
