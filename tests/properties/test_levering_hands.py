@@ -14,7 +14,7 @@ SCENE = "tool:peg + hole?at=0,0,-20mm"
 OUT_J, MODULATED, STEP_NM = 0.03, 0.04, 0.005
 """15 mJ and 2 % are asked; 26 mJ and 3.5 % were measured with hand-46, 21 mJ with hand-42, less with the others."""
 MINUTE_J, MINUTE_MODULATED = 0.09, 0.09
-"""In a minute the dampers of the walls dissipate up to 119 mJ, which the hand pays for later, or not at all: 75 mJ of it
+"""In a minute the dampers of the walls dissipate up to 119 mJ, which the hand pays for later or not: 75 mJ of it
 with hand-42, of whose steps 7.7 % are modulated then; at most 45 mJ and 4 % with the others."""
 SOME = ["hand-42", "hand-46", f"{HANDS}:Levering"]
 MORE = ["hand-45", f"{HANDS}:Wandering", f"{HANDS}:Jamming"]
