@@ -53,11 +53,12 @@ def assert_world_within_limits(recording: Recording) -> None:
 def _steps(columns: Columns, ticks: int) -> Array:
     """The steps of the set-position beyond the part that the own motion causes in the spring's force [m].
 
-    ticks : between two updates of the set-position, at most: an update takes all motion since the last one.
+    ticks : between two updates of the set-position, or one more in real time: an update takes all motion since the
+    last one.
     """
     chosen, place = columns["set_position_m"], columns["position_m"]
     found = []
-    for back in (1, ticks):
+    for back in range(1, ticks + 2):
         before = np.concatenate([np.repeat(place[:1], back, axis=0), place])[: len(place)]
         found.append([beyond(*one) for one in zip(chosen[1:], chosen[:-1], (place - before)[1:], strict=True)])
     return np.min(np.array(found), axis=0)
