@@ -25,6 +25,8 @@ Numbers = NDArray[np.int64]
 _PLANAR = 1e-3
 """Triangles that meet at a smaller angle belong to one planar face [rad]. A ball of a million triangles bends more."""
 
+_ABOVE_PI = 4.0
+
 _MOST_AROUND = 40
 """At a vertex with more planar faces only those that share an edge count as neighbours."""
 
@@ -58,29 +60,29 @@ class Smoothness(NamedTuple):
     turns: Array  #: (F,): the largest angle to a triangle across a smooth edge [rad]
 
 
-def steeper(facets: Array, across: Numbers, sharp_rad: float) -> Flags:
-    """(F, 3): whether a triangle meets that behind the edge across from each corner at more than `sharp_rad` [rad].
+def angles_at(facets: Array, across: Numbers) -> Array:
+    """(F, 3): the angle at which a triangle meets that behind the edge across from each corner [rad].
 
-    The arguments are those of `smoothness`. Beside a triangle without area every edge is steep.
+    The arguments are those of `smoothness`. Beside a triangle without area every angle is above pi.
     """
     has_area = np.array(facets.any(axis=1))
-    found: Flags = _between(facets[:, None], facets[across]) > sharp_rad
-    return found | ~has_area[:, None] | ~has_area[across]
+    known = has_area[:, None] & has_area[across]
+    return np.where(known, _between(facets[:, None], facets[across]), _ABOVE_PI)
 
 
 def smoothness(
-    corners: Array, facets: Array, doubled: Array, across: Numbers, fan_of: Numbers, steep: Flags
+    corners: Array, facets: Array, doubled: Array, across: Numbers, fan_of: Numbers, angles: Array, steep: Flags
 ) -> Smoothness:
     """How the triangles of a closed mesh join.
 
     corners : (F, 3, 3) [m]. facets : (F, 3), unit normals, 0 without area. doubled : (F,), twice the areas [m^2].
     across : (F, 3), the triangle behind the edge across from each corner. fan_of : (3F,), the group of each corner:
-    corners around a vertex without a steep edge between them. steep : (F, 3), edges that are sharp in any case.
+    corners around a vertex without a steep edge between them. angles : (F, 3), as `angles_at` returns them. steep :
+    (F, 3), edges that are sharp in any case.
     """
-    angles = _between(facets[:, None], facets[across])
     face_of = _joined(len(facets), across, (angles < _PLANAR) & ~steep)
     count = int(face_of.max()) + 1
-    normals = _sums(face_of, doubled[:, None] * facets, count)
+    normals = group_sums(face_of, doubled[:, None] * facets, count)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     f, k = np.nonzero(~steep)
     bent = face_of[f] != face_of[across[f, k]]
@@ -118,9 +120,9 @@ def _bends(normals: Array, face: Numbers, beside: Numbers, way: Array, count: in
     way = np.einsum("nij,nj->ni", frames[face], way)
     turn = np.einsum("nij,nj->ni", frames[face], normals[beside] - normals[face])
     squares = np.maximum((way * way).sum(axis=1), 1e-300)
-    spread = _sums(face, (way[:, :, None] * way[:, None] / squares[:, None, None]).reshape(-1, 4), count)
+    spread = group_sums(face, (way[:, :, None] * way[:, None] / squares[:, None, None]).reshape(-1, 4), count)
     spread += _UNKNOWN * np.maximum(np.bincount(face, minlength=count), 1)[:, None] * np.eye(2).reshape(-1)
-    moments = _sums(face, (turn[:, :, None] * way[:, None] / squares[:, None, None]).reshape(-1, 4), count)
+    moments = group_sums(face, (turn[:, :, None] * way[:, None] / squares[:, None, None]).reshape(-1, 4), count)
     fitted = moments.reshape(-1, 2, 2) @ np.linalg.inv(spread.reshape(-1, 2, 2))
     strengths, directions = np.linalg.eigh(0.5 * (fitted + fitted.transpose(0, 2, 1)))
     strong = np.abs(strengths) >= _STRONG * np.abs(strengths).max(axis=1, keepdims=True)
@@ -178,7 +180,7 @@ def _centres(corners: Array, doubled: Array, face_of: Numbers, count: int) -> tu
     """
     own = corners.mean(axis=1)
     weights = np.maximum(np.bincount(face_of, doubled, count), 1e-300)[:, None]
-    centres = (_sums(face_of, doubled[:, None] * own, count) / weights)[face_of]
+    centres = (group_sums(face_of, doubled[:, None] * own, count) / weights)[face_of]
     sides = np.cross(corners[:, [1, 2, 0]] - corners, centres[:, None] - corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inside = (np.einsum("fkj,fj->fk", sides, normals) >= -1e-9 * doubled[:, None] ** 2).all(axis=1)
@@ -192,7 +194,7 @@ def _around(centres: Array, face_of: Numbers, fan_of: Numbers) -> tuple[Numbers,
     _, member = np.unique(corner * (int(face.max()) + 1) + face, return_inverse=True)
     number = int(member.max()) + 1
     share = np.bincount(member, minlength=number)[:, None]
-    parts = _sums(member, centres.repeat(3, axis=0), number) / share
+    parts = group_sums(member, centres.repeat(3, axis=0), number) / share
     fan, of = np.zeros(number, np.int64), np.zeros(number, np.int64)
     fan[member], of[member] = corner, face
     starts = np.searchsorted(fan, np.arange(int(fan.max()) + 2))
@@ -214,6 +216,6 @@ def _frames(normals: Array) -> Array:
     return np.stack([one, np.cross(normals, one)], axis=1)
 
 
-def _sums(of: Numbers, values: Array, count: int) -> Array:
+def group_sums(of: Numbers, values: Array, count: int) -> Array:
     """(count, n): the sums of the rows (m, n) of each group."""
     return np.stack([np.bincount(of, column, count) for column in values.T], axis=1).astype(np.float64)

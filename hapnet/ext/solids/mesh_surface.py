@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
-from hapnet.ext.solids.mesh_smoothness import Smoothness, smoothness, steeper
+from hapnet.ext.solids.mesh_smoothness import Smoothness, angles_at, group_sums, smoothness
 
 Triangles = NDArray[np.int64]
 
@@ -82,12 +82,12 @@ class MeshSurface:
         normals[flat] = facets[flat][:, None]
         bends = _bends(corners, facets, normals, sizes).reshape(-1, 9)
         shares = np.where(flat, 0.0, sizes).repeat(3)
-        mean = _total(shares[:, None] * bends.repeat(3, axis=0), fan_of, fans)
+        mean = group_sums(fan_of, shares[:, None] * bends.repeat(3, axis=0), fans)
         mean /= np.maximum(np.bincount(fan_of, shares, fans), np.finfo(float).tiny)[:, None]
         bends = np.where(flat[:, None], 0.0, mean[fan_of].reshape(-1, 3, 9).mean(axis=1))
         return cls(
             vertices, triangles, across, facets, normals,
-            _total(weighted, triangles.reshape(-1), len(vertices)), rims, pointed, flat.astype(np.int64),
+            group_sums(triangles.reshape(-1), weighted, len(vertices)), rims, pointed, flat.astype(np.int64),
             np.concatenate([[0], np.cumsum(count)]), around // 3, bends.reshape(-1, 3, 3),
         )  # fmt: skip
 
@@ -141,8 +141,10 @@ def _rims(
     corners: Array, facets: Array, sizes: Array, across: Triangles, triangles: Triangles, sharp_deg: float
 ) -> tuple[Triangles, Smoothness]:
     """`MeshSurface.rims`, and how the triangles join; sizes : (F,), twice the areas [m^2]."""
-    steep = steeper(facets, across, np.radians(sharp_deg))
-    joins = smoothness(corners, facets, sizes, across, fans_of(triangles, across, steep.astype(np.int64))[1], steep)
+    angles = angles_at(facets, across)
+    steep = angles > np.radians(sharp_deg)
+    fan_of = fans_of(triangles, across, steep.astype(np.int64))[1]
+    joins = smoothness(corners, facets, sizes, across, fan_of, angles, steep)
     sharp = joins.sharp
     rising = np.empty(across.shape)
     for k in range(3):  # whether the middle of the neighbour is in front of the triangle
@@ -166,7 +168,7 @@ def _normals(
     counts = (joins.doubled[:, None] > _SMALL * largest[fan_of].reshape(-1, 3)) & (levels[fan_of].reshape(-1, 3) == 0.0)
     counts |= joins.level[:, None]
     turned = (np.where(counts, angles, 0.0)[:, :, None] * facets[:, None]).reshape(-1, 3)
-    found: Array = _unit(_total(turned, fan_of, fans))[fan_of].reshape(-1, 3, 3)
+    found: Array = _unit(group_sums(fan_of, turned, fans))[fan_of].reshape(-1, 3, 3)
     off = np.linalg.norm(found - facets[:, None], axis=2) > np.maximum(_TIP * joins.turns, _LEAST_TIP)[:, None]
     near = np.bincount(fan_of, ~off.reshape(-1), fans) > 0.0
     tip = ~near[fan_of].reshape(-1, 3)
@@ -250,11 +252,6 @@ def _bends(corners: Array, facets: Array, normals: Array, sizes: Array) -> Array
     a, b, c = np.where(good[:, None], np.linalg.solve(squares, given[..., None])[..., 0], 0.0).T
     found: Array = np.einsum("fai,fab,fbj->fij", frame, np.stack([a, b, b, c], -1).reshape(-1, 2, 2), frame)
     return found
-
-
-def _total(values: Array, of: Triangles, count: int) -> Array:
-    """The sums (count, n) of the rows (m, n) of each group."""
-    return np.stack([np.bincount(of, column, count) for column in values.T], axis=1)
 
 
 def _unit(vectors: Array) -> Array:
