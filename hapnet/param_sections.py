@@ -95,6 +95,11 @@ class DeviceParams(Section):
     clutch: str = _p("", "when the device moves freely, without force, to be coupled again at its new position: "
                      "spans as in 2-3, 5-6.5 [s], or a button as in button 1; empty: never")  # fmt: skip
 
+    @property
+    def spring_limit_N(self) -> float:
+        """The force at which the spring saturates [N]; 0: it does not."""
+        return self.force_limit_N * self.spring_share
+
 
 @dataclass(frozen=True)
 class OperatorParams(Section):

@@ -146,7 +146,7 @@ def stretch(start: CouplingStart[Any]) -> float:
     lends tens of millijoules to the tool, and each edge that it slips off dissipates a part.
     """
     device = start.params.device
-    force_N = device.force_limit_N * device.spring_share
+    force_N = device.spring_limit_N
     if len(start.position) != POSE_AXES or not force_N:
         return math.inf
     return STRETCHED * force_N / _smallest(device.stiffness)

@@ -95,8 +95,8 @@ def _max_step(side: Side, spring: Spring) -> float:
 def device_spring(params: Params, dof: int) -> tuple[Spring, Vector]:
     """The device's spring, which saturates below the force limit, and its damper's diagonal [Ns/m]."""
     device = params.device
-    limit = device.force_limit_N * device.spring_share or None
-    return shared_spring(device.stiffness, dof, limit), checks.diagonal("device.damping", device.damping, dof)
+    spring = shared_spring(device.stiffness, dof, device.spring_limit_N or None)
+    return spring, checks.diagonal("device.damping", device.damping, dof)
 
 
 def _at_device(

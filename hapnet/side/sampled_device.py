@@ -79,7 +79,7 @@ class SampledDeviceSide(DeviceSide):
     def held_forces(self) -> dict[str, Any]:
         if self.origin_ns is None:
             return {}
-        cut = {} if self._simulated is None or self.held is None else {"cut_ticks": self.held.cut_ticks}
+        cut = {} if self.held is None else {"cut_ticks": self.held.cut_ticks}
         return {**self.servo.figures(), **cut}
 
     def stop(self) -> None:

@@ -66,7 +66,7 @@ def swing(t: float) -> float:
 
 def imposed_m(device: DeviceParams) -> tuple[float, float]:
     """Depth and amplitude of the motion [m]: `DEPTH_M` and `AMPLITUDE_M`, or less, so that no spring saturates."""
-    most = _MOST_SHARE * device.force_limit_N * device.spring_share
+    most = _MOST_SHARE * device.spring_limit_N
     share = min(1.0, most / (largest(device.stiffness) * (DEPTH_M + AMPLITUDE_M))) if most else 1.0
     return share * DEPTH_M, share * AMPLITUDE_M
 
