@@ -15,6 +15,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.solids.mesh_smoothness import linked_groups
 from hapnet.ext.solids.mesh_surface import Triangles, directed, fans_of, require_closed
 from hapnet.installing import require
 from hapnet.records.vectors import added
@@ -177,9 +178,6 @@ def _turns(x: Array, corners: Array) -> float:
 
 def _apart(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
     """Give parts that touch along edges or at corners separate vertices."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     one, other = directed(triangles)
     order = np.lexsort((np.maximum(one, other), np.minimum(one, other)))
     ends = np.stack([np.minimum(one, other)[order], np.maximum(one, other)[order]], axis=1)
@@ -191,8 +189,7 @@ def _apart(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles]:
     beside = np.empty_like(order)
     pairs = order[np.repeat(sizes == 2, sizes)].reshape(-1, 2)
     beside[pairs] = pairs[:, ::-1]
-    joints = (np.ones(len(pairs), np.int8), (pairs[:, 0] % count, pairs[:, 1] % count))
-    _, part_of = connected_components(coo_matrix(joints, (count, count)), False)
+    part_of = linked_groups(count, pairs[:, 0] % count, pairs[:, 1] % count)[1]
     for start, size in zip(starts[sizes > 2].tolist(), sizes[sizes > 2].tolist(), strict=True):
         edges = order[start : start + size].tolist()
         a, b = vertices[ends[start]]

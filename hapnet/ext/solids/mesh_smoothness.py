@@ -14,8 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from hapnet.checks import Array
 
@@ -80,7 +78,8 @@ def smoothness(
     corners around a vertex without a steep edge between them. angles : (F, 3), as `angles_at` returns them. steep :
     (F, 3), edges that are sharp in any case.
     """
-    face_of = _joined(len(facets), across, (angles < _PLANAR) & ~steep)
+    f, k = np.nonzero((angles < _PLANAR) & ~steep)
+    face_of = linked_groups(len(facets), f, across[f, k])[1]
     count = int(face_of.max()) + 1
     normals = group_sums(face_of, doubled[:, None] * facets, count)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
@@ -165,12 +164,14 @@ def _heights(corners: Array, doubled: Array, across: Numbers) -> Array:
     return found
 
 
-def _joined(count: int, across: Numbers, joins: Flags) -> Numbers:
-    """(F,): the number of the group of each triangle; `joins` (F, 3) tells which neighbours belong together."""
-    f, k = np.nonzero(joins)
-    links = coo_matrix((np.ones(len(f), np.int8), (f, across[f, k])), (count, count))
-    found: Numbers = connected_components(links, False)[1].astype(np.int64)
-    return found
+def linked_groups(count: int, one: Numbers, other: Numbers) -> tuple[int, Numbers]:
+    """The number of groups, and the group of each of `count` things (count,): one[i] and other[i] share one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_matrix((np.ones(len(one), np.int8), (one, other)), (count, count))
+    groups, group_of = connected_components(links, False)
+    return int(groups), group_of.astype(np.int64)
 
 
 def _centres(corners: Array, doubled: Array, face_of: Numbers, count: int) -> tuple[Array, Flags]:

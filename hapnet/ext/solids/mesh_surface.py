@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
-from hapnet.ext.solids.mesh_smoothness import Smoothness, angles_at, group_sums, smoothness
+from hapnet.ext.solids.mesh_smoothness import Smoothness, angles_at, group_sums, linked_groups, smoothness
 
 Triangles = NDArray[np.int64]
 
@@ -216,9 +215,6 @@ def _angles(corners: Array) -> Array:
 
 def fans_of(triangles: Triangles, across: Triangles, rims: Triangles) -> tuple[int, Triangles]:
     """The number of fans, and each corner's fan (3F,): corners around a vertex without a sharp edge between them."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     face, k = np.nonzero(rims == 0)
     beside = across[face, k]
     joined = []
@@ -227,9 +223,7 @@ def fans_of(triangles: Triangles, across: Triangles, rims: Triangles) -> tuple[i
         there = np.argmax(triangles[beside] == vertex[:, None], axis=1)
         joined.append((3 * face + end % 3, 3 * beside + there))
     one, other = (np.concatenate(part) for part in zip(*joined, strict=True))
-    count: Any = 3 * len(triangles)
-    fans, fan_of = connected_components(coo_matrix((np.ones(len(one), np.int8), (one, other)), (count, count)), False)
-    return int(fans), fan_of
+    return linked_groups(3 * len(triangles), one, other)
 
 
 def _bends(corners: Array, facets: Array, normals: Array, sizes: Array) -> Array:
