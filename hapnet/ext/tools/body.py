@@ -16,45 +16,29 @@ so a step neither makes nor loses energy for any force f (12,), and a free body 
 do, ``p = c + sum a_j P_j/l``, so a plane's law of its depth (`hapnet.plant.worlds.coupled`) is one of the coordinates.
 
 The point c is the centre of mass, and the arms lie along the principal axes. Newton's method finds u and w; if it does
-not converge, the caller should halve the step.
+not converge, the caller should halve the step. The step itself stands in `body_step.py`.
 """
 
 from __future__ import annotations
 
-from math import inf
 from typing import Annotated
 
 from hapnet import checks
 from hapnet.checks import Vector
-from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, cross, in_world
-from hapnet.plant.worlds.coupled import eliminate, force as push_of
+from hapnet.mechanics.pose import ARM_M, AXES, DOF, Of3, OfPose, arm, in_world
 from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 MOST = 128
 """The greatest number of planes in a step."""
-
-ROUNDS = 60
-"""The greatest number of Newton rounds in a step; 3 to 5 are usual."""
-
-GROWTHS = 6
-"""The number of rounds with a growing change after which a step counts as not found."""
-
-_NONE = 3e-16
-"""Changes below this share of the velocities are rounding."""
-
-_SLOW = 1e-6
-"""A negligible velocity [m/s]."""
-
-_SMALL = 1e-9
-"""Below this share of the velocities changes should shrink; when rounding stops that, the step is found."""
 
 
 class Touched(Record):
     """Planes that points of the body touch.
 
     places : a, the points in the body's axes [m]. normals : into the solid (3,), of any length. depths [m],
-    stiffnesses [N/m], dampings [Ns/m] : as in `hapnet.plant.worlds.coupled.Coupled`. drags : across the normals, of
-    friction [Ns/m]. pushes : along the normals, none above 0 [N].
+    stiffnesses [N/m], dampings [Ns/m] : as in `hapnet.plant.worlds.coupled.Coupled`. frictions : Coulomb's mu. least,
+    creeps : h [m/s] and d [m/s per N] of the law of friction in `body_step.py`. pushes : along the normals, none above
+    0 [N]. rubs : the forces of friction (3,) [N].
     """
 
     count: int
@@ -63,8 +47,12 @@ class Touched(Record):
     depths: Annotated[Floats, (MOST,)]
     stiffnesses: Annotated[Floats, (MOST,)]
     dampings: Annotated[Floats, (MOST,)]
-    drags: Annotated[Floats, (MOST,)]
+    frictions: Annotated[Floats, (MOST,)]
+    least: Annotated[Floats, (MOST,)]
+    creeps: Annotated[Floats, (MOST,)]
     pushes: Annotated[Floats, (MOST,)]
+    rates: Annotated[Floats, (MOST,)]
+    rubs: Annotated[FloatRows, (MOST, 3)]
 
 
 class RigidBody(Record):
@@ -100,6 +88,7 @@ class RigidBody(Record):
     begun: Of3
     ended: Of3
     rows: Annotated[FloatRows, (DOF, DOF + 1)]
+    smooth: Annotated[FloatRows, (DOF, DOF + 1)]
 
     def __init__(self, mass: float, inertia: Vector, x: Vector = (0.0,) * AXES, arm_m: float = ARM_M) -> None:
         super().__init__()
@@ -177,157 +166,3 @@ def turn(body: RigidBody, dt: float, w: Reals) -> None:
         d2 = share * ((a0 * q - a1 * p) + a2 * along - (a0 * a0 + a1 * a1 + a2 * a2) * r)
         middle[i], middle[i + 1], middle[i + 2] = x[i] + d0, x[i + 1] + d1, x[i + 2] + d2
         ends[i], ends[i + 1], ends[i + 2] = x[i] + 2.0 * d0, x[i + 1] + 2.0 * d1, x[i + 2] + 2.0 * d2
-
-
-@equation
-def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> bool:
-    """Move the body by a step of `dt` [s]; false: no step was found, and the body has not moved.
-
-    push : constant force (12,) [N]. y : set-position (12,) of the spring that holds it [m].
-    """
-    u, w, rows = body.mean, body.w, body.rows
-    body.begun[0], body.begun[1], body.begun[2] = momentum(body)
-    w[0], w[1], w[2] = in_world(body.x, body.arm_m, body.spin)
-    for i in range(3):
-        u[i] = body.velocity[i]
-    before, growths, body.rounds = inf, 0, 0
-    for _ in range(ROUNDS):
-        body.rounds += 1
-        turn(body, dt, w)
-        _balance(body, dt, push, y, planes)
-        eliminate(DOF, 1, rows)
-        change = size = 0.0
-        for i in range(3):
-            du, dw = rows[i][DOF] / rows[i][i], rows[3 + i][DOF] / rows[3 + i][3 + i]
-            u[i], w[i] = u[i] + du, w[i] + dw
-            change += du * du + body.arm_m * body.arm_m * dw * dw
-            size += u[i] * u[i] + body.arm_m * body.arm_m * w[i] * w[i]
-        if change <= _NONE * _NONE * size or (change >= before and change <= _SMALL * _SMALL * (size + _SLOW * _SLOW)):
-            _arrive(body, dt)
-            return True
-        growths += 1 if change >= before else 0
-        if growths == GROWTHS:
-            return False
-        before = change
-    return False
-
-
-@equation
-def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> None:
-    """Compute the residual of the equations of u and w, and its Jacobian, for `eliminate`."""
-    x, u, w, rows, middle, reach = body.x, body.mean, body.w, body.rows, body.middle, body.arm_m
-    gain, half, stiffness, damping = 2.0 / dt, 0.5 * dt, body.stiffness, body.damping
-    for i in range(DOF):
-        for j in range(DOF + 1):
-            rows[i][j] = 0.0
-    for i in range(3):
-        rows[i][i] = gain * body.mass + damping + half * stiffness
-        pulled = stiffness * (y[i] - x[i] - half * u[i]) - damping * u[i]
-        rows[i][DOF] = gain * body.mass * (body.velocity[i] - u[i]) + push[i] + pulled
-    # R1 I W1, and R1 I R0' as its derivative by W1
-    _spin_on(body)
-    body.ended[0] = body.ended[1] = body.ended[2] = 0.0
-    for j in range(3):
-        start, end, share = arm(x, reach, j), arm(body.ends, reach, j), body.inertia[j] / (reach * reach)
-        for i in range(3):
-            body.ended[i] = body.ended[i] + share * reach * body.spun[j] * end[i]
-            for k in range(3):
-                rows[3 + i][3 + k] = rows[3 + i][3 + k] + gain * share * end[i] * start[k]
-    for i in range(3):
-        rows[3 + i][DOF] = (body.begun[i] - body.ended[i]) / dt
-    _addcross(rows, body.ended, -1.0)
-    # spring, damper and push on the arms: the torque sum Pm x f
-    stiffness, damping = body.arms_stiffness, body.arms_damping
-    for j in range(3):
-        rod, i = arm(middle, reach, j), 3 + 3 * j
-        f = (
-            push[i] + stiffness * (y[i] + (reach if j == 0 else 0.0)),
-            push[i + 1] + stiffness * (y[i + 1] + (reach if j == 1 else 0.0)),
-            push[i + 2] + stiffness * (y[i + 2] + (reach if j == 2 else 0.0)),
-        )
-        square = rod[0] * rod[0] + rod[1] * rod[1] + rod[2] * rod[2]
-        across = rod[0] * w[0] + rod[1] * w[1] + rod[2] * w[2]
-        along = half * (rod[0] * f[0] + rod[1] * f[1] + rod[2] * f[2]) + damping * square
-        torque = cross(rod, f)
-        for k in range(3):
-            rows[3 + k][DOF] = rows[3 + k][DOF] + torque[k] - damping * (square * w[k] - across * rod[k])
-            rows[3 + k][3 + k] = rows[3 + k][3 + k] + along
-            for m in range(3):
-                rows[3 + k][3 + m] = rows[3 + k][3 + m] - rod[k] * (half * f[m] + damping * rod[m])
-    for k in range(planes.count):
-        _touch(body, planes, k, dt)
-
-
-@equation
-def _spin_on(body: RigidBody) -> None:
-    """W1 into `spun`: ``2 R0' w - W0``."""
-    w = body.w
-    for j in range(3):
-        p, q, r = arm(body.x, body.arm_m, j)
-        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / body.arm_m - body.spin[j]
-
-
-@equation
-def _touch(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
-    """Add the part of a plane to `_balance`."""
-    rows, u, w, n = body.rows, body.mean, body.w, planes.normals[k]
-    r, half = in_world(body.middle, body.arm_m, planes.places[k]), 0.5 * dt
-    turned, moved = cross(r, n), cross(w, r)
-    speed = 0.0
-    for i in range(3):
-        speed += n[i] * (u[i] + moved[i])
-    f, rate = push_of(planes.stiffnesses[k], planes.dampings[k], planes.depths[k], speed, dt)
-    planes.pushes[k], drag = f, planes.drags[k]
-    square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2]
-    rate -= drag / square
-    force = (
-        f * n[0] - drag * (u[0] + moved[0] - speed * n[0] / square),
-        f * n[1] - drag * (u[1] + moved[1] - speed * n[1] / square),
-        f * n[2] - drag * (u[2] + moved[2] - speed * n[2] / square),
-    )
-    torque = cross(r, force)
-    along = r[0] * force[0] + r[1] * force[1] + r[2] * force[2]
-    size = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-    for i in range(3):
-        rows[i][DOF] = rows[i][DOF] + force[i]
-        rows[3 + i][DOF] = rows[3 + i][DOF] + torque[i]
-        rows[i][i] = rows[i][i] + drag
-        rows[3 + i][3 + i] = rows[3 + i][3 + i] + drag * size + half * along
-        for j in range(3):
-            rows[i][j] = rows[i][j] + rate * n[i] * n[j]
-            rows[i][3 + j] = rows[i][3 + j] + rate * n[i] * turned[j]
-            rows[3 + i][j] = rows[3 + i][j] + rate * turned[i] * n[j]
-            rows[3 + i][3 + j] = (
-                rows[3 + i][3 + j] + rate * turned[i] * turned[j] - r[i] * (drag * r[j] + half * force[j])
-            )
-    for i in range(3):  # the drag's cross terms
-        j, m = (i + 1) % 3, (i + 2) % 3
-        rows[i][3 + j] = rows[i][3 + j] + drag * r[m]
-        rows[i][3 + m] = rows[i][3 + m] - drag * r[j]
-        rows[3 + i][j] = rows[3 + i][j] - drag * r[m]
-        rows[3 + i][m] = rows[3 + i][m] + drag * r[j]
-
-
-@equation
-def _arrive(body: RigidBody, dt: float) -> None:
-    """Set the state at the step's end."""
-    x, u, w = body.x, body.mean, body.w
-    turn(body, dt, w)
-    _spin_on(body)
-    for i in range(3):
-        body.middle[i] = x[i] + 0.5 * dt * u[i]
-        x[i] = x[i] + dt * u[i]
-        body.velocity[i] = 2.0 * u[i] - body.velocity[i]
-        body.spin[i] = body.spun[i]
-    for i in range(9):
-        x[3 + i] = body.ends[3 + i]
-    moving(body, body.middle, u, w, body.mean)
-    settle(body)
-
-
-@equation
-def _addcross(rows: FloatRows, a: Reals, sign: float) -> None:
-    """Add S(a), with ``S(a) w = a x w``, to the part of the rows that belongs to w."""
-    rows[3][4], rows[3][5] = rows[3][4] - sign * a[2], rows[3][5] + sign * a[1]
-    rows[4][3], rows[4][5] = rows[4][3] + sign * a[2], rows[4][5] - sign * a[0]
-    rows[5][3], rows[5][4] = rows[5][3] - sign * a[1], rows[5][4] + sign * a[0]

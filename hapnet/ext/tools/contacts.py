@@ -17,13 +17,14 @@ import numpy as np
 
 from hapnet.checks import MOST_TOOL_PLANES, Vector
 from hapnet.errors import InvalidParameter
-from hapnet.ext.solids.friction import coefficient, tangential
+from hapnet.ext.solids.friction import tangential
 from hapnet.ext.solids.mesh_contact import secants_of
 from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.rigid_step import ANCHOR_CEILING_J
 from hapnet.ext.solids.secant import GOOD_MPS, Secant, end_J, onset_J
 from hapnet.ext.solids.shapes import Sphere, triple
-from hapnet.ext.tools.body import MOST, RigidBody, Touched, step
+from hapnet.ext.tools.body import MOST, RigidBody, Touched
+from hapnet.ext.tools.body_step import step
 from hapnet.ext.tools.edges import edge_points
 from hapnet.ext.tools.tool import Tool, place
 from hapnet.mechanics.contacts import Inverse, Surroundings
@@ -35,6 +36,12 @@ from hapnet.records.vectors import added, dot, inner
 CORRECTIONS = 4
 """The greatest number of rounds that correct the secants; 1 is usual."""
 
+
+CREEP = 1e-6
+"""The viscosity of a resting point's friction, as a share of the body's own: a held force falls by 1 % in minutes."""
+
+STOPS_M = 1e-5
+"""A point that stops may slide this far in the step [m]; with more the step is divided."""
 
 ALIKE = 0.9
 """Planes whose normals have a greater cosine are of one direction."""
@@ -74,7 +81,6 @@ class ToolContacts(Surroundings):
             for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
         ]
         self._edges = edge_points(tool, self.solids, arm_m)
-        self._rubs = any(solid.friction for solid in self.solids)
         self.energy_J: float = 0.0
         """The energy e + E_c after the last step [J]."""
         self.scale: float = 1.0
@@ -134,11 +140,14 @@ class ToolContacts(Surroundings):
 
     # -- a step -------------------------------------------------------------------------------------------------------
 
-    def move(self, body: RigidBody, dt: float, ybar: Vector, push: Vector) -> tuple[Vector, float] | None:
+    def move(
+        self, body: RigidBody, dt: float, ybar: Vector, push: Vector, shorter: bool
+    ) -> tuple[Vector, float] | None:
         """Move the body by a step of `dt` [s] on the spring that holds it to `ybar`, under `push`, among the solids.
 
-        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: no step was found, and
-        nothing has changed.
+        shorter : the caller would do shorter steps instead.
+        Returns the solids' force along the coordinates (12,) [N] and its work [J]; None: no step was found, or a point
+        stops in it that should have stopped sooner, and nothing has changed.
         """
         state, planes = BodyState(body), self._planes
         start = self._pairs(body.x)
@@ -162,11 +171,14 @@ class ToolContacts(Surroundings):
                 wrong = secant.correct(x, _minus(end, x), end, dt * GOOD_MPS) or wrong
             if not (self._meet(body, start, met) or wrong):
                 break
+        if shorter and self._stops_late(dt):
+            state.restore(body)
+            return None
         force, work, held = [0.0] * AXES, 0.0, 0.0
         for k, (point, secant, x) in enumerate(met):
             delta = _minus(place(body.x, point, self.arm_m), x)
             held += end_J(secant, delta)
-            pushed = self._force(k, delta, dt)
+            pushed = self._force(k)
             work += dot(3, pushed, delta)
             for i in range(3):
                 force[i] += pushed[i]
@@ -197,47 +209,37 @@ class ToolContacts(Surroundings):
                     secant.depth *= self.scale
 
     def _step(self, body: RigidBody, state: BodyState, dt: float, ybar: Vector, push: Vector, met: list[Met]) -> bool:
-        """Do the step against these planes, first without friction, then with it."""
+        """Do the step against these planes, with their friction."""
         planes = self._planes
         planes.count = len(met)
+        resistance = 2.0 * body.mass / dt + body.damping + 0.5 * body.stiffness * dt
         for k, (point, secant, _) in enumerate(met):
             planes.places[k][:], planes.normals[k][:] = point, secant.normal
             planes.depths[k], planes.stiffnesses[k] = secant.depth, secant.stiffness
-            planes.dampings[k], planes.drags[k] = secant.damping, 0.0
-        state.restore(body)
-        if not step(body, dt, push, ybar, planes):
-            return False
-        if not self._rubs:
-            return True
-        resistance = 2.0 * body.mass / dt + body.damping + 0.5 * body.stiffness * dt
-        has_friction = False
-        for k, (point, secant, x) in enumerate(met):
-            if planes.pushes[k] == 0.0 or not secant.friction > 0.0:
-                continue
-            normal = triple(planes.normals[k])
-            moved = _minus(place(body.x, point, self.arm_m), x)
-            across = tangential((moved[0] / dt, moved[1] / dt, moved[2] / dt), normal)
-            begun = tangential(place(state.v, point, self.arm_m, home=False), normal)
-            size = hypot(*normal)
-            lever = hypot(*point) / self.arm_m
-            grip = -secant.friction * planes.pushes[k] * size
-            planes.drags[k] = coefficient(grip, hypot(*across), resistance / (1.0 + 0.5 * lever * lever), begun)
-            has_friction = has_friction or planes.drags[k] > 0.0
-        if not has_friction:
-            return True
+            planes.dampings[k], planes.frictions[k] = secant.damping, secant.friction
+            planes.creeps[k] = CREEP / resistance
+            planes.rubs[k][:] = _STILL[:3]
+            if secant.friction > 0.0:
+                begun = place(state.v, point, self.arm_m, home=False)
+                planes.least[k] = 0.5 * hypot(*tangential(begun, triple(secant.normal)))
         state.restore(body)
         return step(body, dt, push, ybar, planes)
 
-    def _force(self, k: int, delta: Vector, dt: float) -> Vector:
-        """The force of a plane on its point in the step: push along the normal, and drag across [N]."""
+    def _stops_late(self, dt: float) -> bool:
+        """Whether friction stopped a point that slid: it then moves on by half of its speed until the step ends."""
         planes = self._planes
-        n, drag = triple(planes.normals[k]), planes.drags[k]
-        across = tangential(delta, n) if drag else _STILL
-        return (
-            planes.pushes[k] * n[0] - drag * across[0] / dt,
-            planes.pushes[k] * n[1] - drag * across[1] / dt,
-            planes.pushes[k] * n[2] - drag * across[2] / dt,
-        )
+        for k in range(planes.count):
+            if planes.least[k] * dt > STOPS_M and planes.pushes[k] < 0.0:
+                grip = -planes.frictions[k] * planes.pushes[k] * hypot(*planes.normals[k])
+                if grip > 0.0 and hypot(*planes.rubs[k]) < 0.999 * grip:
+                    return True
+        return False
+
+    def _force(self, k: int) -> Vector:
+        """The force of a plane on its point in the step: push along the normal, and friction across it [N]."""
+        planes = self._planes
+        push, n, rub = planes.pushes[k], planes.normals[k], planes.rubs[k]
+        return (push * n[0] + rub[0], push * n[1] + rub[1], push * n[2] + rub[2])
 
 
 _STILL: Vector = (0.0,) * AXES

@@ -15,7 +15,7 @@ from hapnet import checks
 from hapnet.assembly.choices import Choice, Contribution
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.ext.tools import body as bodies
+from hapnet.ext.tools import body_step
 from hapnet.ext.tools.body import RigidBody, Touched, kinetic, settle
 from hapnet.mechanics.pose import ARM_M, AXES, OfPose, coordinates, nearest
 from hapnet.params import Params
@@ -87,7 +87,7 @@ def _go_on(handle: Handle, h: float) -> None:
     handle.hand_work = 0.0
     while left > 0.25 * part:
         copy(AXES, body.x, handle.reached)
-        if bodies.step(body, part, handle.push, handle.aim, handle.free):
+        if body_step.step(body, part, handle.push, handle.aim, handle.free):
             left -= part
             for i in range(AXES):
                 pull = handle.push[i] - handle.held[i] + K * (handle.aim[i] - body.middle[i]) - B * body.mean[i]

@@ -14,7 +14,8 @@ from hapnet.mechanics.pose import AXES, nearest
 from hapnet.records.vectors import added, inner
 
 HALVINGS = 12
-"""The greatest number of times that a step is halved: its turn is then small enough for Newton's method."""
+"""The greatest number of times that a step is halved: its turn is then small enough for Newton's method, and a point
+that friction stops is stopped in time."""
 
 
 class ToolMass(Mass):
@@ -96,7 +97,7 @@ class ToolMass(Mass):
     def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
         """Step; returns the solids' force (12,) [N] and work [J], the damper's loss [J], and the coupling's force."""
         body = self.body
-        found = self.contacts.move(body, dt, ybar, push)
+        found = self.contacts.move(body, dt, ybar, push, halvings > 0)
         if found is None:
             if not halvings:
                 raise HapnetError(f"no step of {dt:g} s was found for the tool")

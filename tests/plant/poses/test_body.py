@@ -6,7 +6,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from hapnet.checks import Array
-from hapnet.ext.tools.body import RigidBody, Touched, settle, step
+from hapnet.ext.tools.body import RigidBody, Touched, settle
+from hapnet.ext.tools.body_step import step
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.records.record import zero
