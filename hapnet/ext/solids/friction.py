@@ -18,12 +18,12 @@ from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.records.record import FloatRows, Reals, Record, equation
-from hapnet.records.vectors import dot, length
+from hapnet.records.vectors import dot
 
 Friction = Callable[[Vector], float]
 """Coulomb's mu at a place (3,) [m]; a value that is not above 0 counts as 0."""
 
-_STUCK = 1e3
+_STUCK = 1e6
 """The largest c, in units of a."""
 
 
@@ -62,20 +62,25 @@ textured = FrictionTexture.__call__
 
 
 @equation
-def coefficient(grip_N: float, speed: float, resistance: float, start: Vector) -> float:
+def coefficient(grip_N: float, speed: float, resistance: float, start: float) -> float:
     """c [Ns/m] for one contact.
 
     grip_N : mu |F|. speed : of the step without friction, across the normal [m/s]. resistance : a [Ns/m] along it.
-    start : (3,) the velocity across the normal at the step's start [m/s].
+    start : the speed at the step's start, in the direction in which the point slides [m/s].
     """
     if not (grip_N > 0.0 and speed > 0.0):
         return 0.0
     slip = speed - grip_N / resistance
     c = grip_N / slip if slip > 0.0 else inf
-    half = 0.5 * length(3, start)
-    if half != 0.0:
-        c = min(c, max(0.0, resistance * (speed / half - 1.0)))
+    if start != 0.0:
+        c = min(c, max(0.0, resistance * (2.0 * speed / start - 1.0)))
     return min(c, _STUCK * resistance)
+
+
+@equation
+def along(vector: Vector, across: Vector, speed: float) -> float:
+    """The size of the component of `vector` along `across`, whose length is `speed`."""
+    return abs(dot(3, vector, across)) / speed if speed > 0.0 else 0.0
 
 
 @equation

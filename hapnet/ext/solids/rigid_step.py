@@ -7,7 +7,7 @@ from math import sqrt
 from typing import Annotated
 
 from hapnet.checks import Vector
-from hapnet.ext.solids.friction import add_drag, coefficient, resistance_along, tangential
+from hapnet.ext.solids.friction import add_drag, along, coefficient, resistance_along, tangential
 from hapnet.ext.solids.secant import GOOD_MPS, Secant, correct, end_J, farther_than, meets, near, onset_J
 from hapnet.ext.solids.shapes import Triple, triple
 from hapnet.ext.solids.sight import Sight
@@ -25,6 +25,10 @@ ANCHOR_CEILING_J = 0.01
 
 CORRECTIONS = 8
 """The most secants after the first plane; 1 is usual."""
+
+SWEEPS, _SETTLED = 60, 1e-9
+"""The most rounds over the friction of contacts, which act on one another; they end when no drag changes by more than
+this share."""
 
 _STILL: Vector = (0.0, 0.0, 0.0)
 _UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -178,8 +182,8 @@ def _step(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vec
     square = _dot(normal, normal)
     alpha = softness / square
     grip, across = -secant.friction * push * sqrt(square), tangential(vhat, normal)
-    start = tangential(_begun(contacts, x), normal)
-    drag = coefficient(grip, sqrt(_dot(across, across)), 1.0 / alpha, start)
+    speed = sqrt(_dot(across, across))
+    drag = coefficient(grip, speed, 1.0 / alpha, along(_begun(contacts, x), across, speed))
     drag /= 1.0 + drag * alpha
     t0, t1, t2 = across
     force = (force[0] - drag * t0, force[1] - drag * t1, force[2] - drag * t2)
@@ -198,7 +202,7 @@ def _begun(contacts: SolidContact, x: Vector) -> Vector:
 @equation
 def _step_together(contacts: SolidContact, inverse: Inverse, dt: float, x: Vector, w: Vector) -> tuple[Vector, Vector]:
     """Solve a step as `_step`, with several planes, or with friction and any A."""
-    planes, C, D = contacts.together, contacts.C, contacts.D
+    planes, C = contacts.together, contacts.C
     for j in range(3):
         _put(contacts.columns[j], respond(contacts, inverse, _UNITS[j]))
     coupled.compliance(3, contacts.columns, C)
@@ -210,25 +214,40 @@ def _step_together(contacts: SolidContact, inverse: Inverse, dt: float, x: Vecto
     coupled.total(planes, planes.f)
     force = triple(planes.f)
     vhat, start = _plus(w, _times(C, force)), _begun(contacts, x)
-    drags = False
-    for j in range(3):
-        _put(D[j], _STILL)
     for i in range(contacts.touching):
-        normal, mu = triple(planes.normals[i]), contacts.secants[contacts.met[i]].friction
-        across = tangential(vhat, normal)
-        speed = sqrt(_dot(across, across))
-        along = resistance_along(across, speed, C)
-        drag = coefficient(-mu * planes.pushes[i] * norm(3, normal), speed, along, tangential(start, normal))
-        add_drag(drag, normal, D)
-        drags = drags or drag != 0.0
-    if drags:
+        planes.drags[i] = 0.0
+    for _ in range(SWEEPS):
+        if not _rub(contacts, vhat, start):
+            break
         _drag(contacts, w)
         coupled.solve(planes, contacts.free, contacts.columns, dt)
         coupled.total(planes, planes.f)
         force = triple(planes.f)
-        slid = _times(D, _plus(triple(contacts.free), _times(contacts.columns, force)))
+        slid = _times(contacts.D, _plus(triple(contacts.free), _times(contacts.columns, force)))
         force = (force[0] - slid[0], force[1] - slid[1], force[2] - slid[2])
-    return force, _plus(w, _times(C, force))
+        vhat = _plus(w, _times(C, force))
+    return force, vhat
+
+
+@equation
+def _rub(contacts: SolidContact, vhat: Vector, start: Vector) -> bool:
+    """Compute all contacts' drags at the velocity vhat, and D; return whether one has changed."""
+    planes, C, D, changed = contacts.together, contacts.C, contacts.D, False
+    for j in range(3):
+        _put(D[j], _STILL)
+    for i in range(contacts.touching):
+        normal, mu, before = triple(planes.normals[i]), contacts.secants[contacts.met[i]].friction, planes.drags[i]
+        across = tangential(vhat, normal)
+        speed = sqrt(_dot(across, across))
+        resistance = resistance_along(across, speed, C)
+        # the speed without this contact's friction, but with that of all others
+        alone = speed * (1.0 + before / resistance)
+        grip = -mu * planes.pushes[i] * norm(3, normal)
+        drag = coefficient(grip, alone, resistance, along(start, across, speed))
+        planes.drags[i] = drag
+        add_drag(drag, normal, D)
+        changed = changed or abs(drag - before) > _SETTLED * drag
+    return changed
 
 
 @equation

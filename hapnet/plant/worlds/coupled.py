@@ -36,7 +36,8 @@ class Coupled(Record):
     """At most `most` planes of one step with n axes, and the solver's work arrays.
 
     count : the number of planes. normals : into the solid, of any length. depths : p0, below 0 outside [m].
-    stiffnesses, dampings : [N/m], [Ns/m]. pushes : f_i [N], none above 0. rates : -df_i/du_i [Ns/m].
+    stiffnesses, dampings : [N/m], [Ns/m]. pushes : f_i [N], none above 0. rates : -df_i/du_i [Ns/m]. drags : for
+    a caller that adds friction across the normals [Ns/m].
     """
 
     n: int
@@ -47,6 +48,7 @@ class Coupled(Record):
     dampings: Annotated[Floats, (MOST,)]
     pushes: Annotated[Floats, (MOST,)]
     rates: Annotated[Floats, (MOST,)]
+    drags: Annotated[Floats, (MOST,)]
     best: Annotated[Floats, (MOST,)]
     f: OfAxes
     trial: OfAxes
@@ -61,6 +63,7 @@ class Coupled(Record):
         self.normals = [[0.0] * n for _ in range(most)]
         self.depths, self.stiffnesses, self.dampings = [0.0] * most, [0.0] * most, [0.0] * most
         self.pushes, self.rates, self.best = [0.0] * most, [0.0] * most, [0.0] * most
+        self.drags = [0.0] * most
         self.f, self.trial, self.residual, self.step = [0.0] * n, [0.0] * n, [0.0] * n, [0.0] * n
         self.direction, self.vhat = [0.0] * n, [0.0] * n
         self.rows = [[0.0] * (n + _RIGHT) for _ in range(n)]
