@@ -254,11 +254,19 @@ def brief(summary: Summary) -> list[str]:
 def felt_line(summary: Summary) -> str:
     """How stiff a wall was felt, in one sentence; without a wall the largest force; "": neither is known.
 
-    A second sentence says in which share of the ticks the motors could not hold the whole force, from 0.5 % on.
+    A second sentence says in which share of the ticks the motors could not hold the whole force, from 0.5 % on; a third
+    how much energy the world was kept from giving, from 1 mJ on.
     """
     cut = known(cut_share(summary["device"]))
     motors = f"The motors could not hold the whole force in {cut:.0%} of the ticks." if cut and cut >= 0.005 else ""
-    return " ".join(filter(None, (_felt(summary), motors)))
+    given = known(summary["environment"]["env_given_J"])
+    active = given is not None and given >= 1e-3
+    held = (
+        f"The world's forces would have put in {millijoule(given)} mJ of their own, and were held back."
+        if active
+        else ""
+    )
+    return " ".join(filter(None, (_felt(summary), motors, held)))
 
 
 def _felt(summary: Summary) -> str:

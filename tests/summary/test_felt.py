@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from examples.own_law import Mine
-from hapnet import CouplingSpec, cli
+from hapnet import CouplingSpec, ForceWorld, cli
 from hapnet.assembly.build import prepare
 from hapnet.couplings.stiffness import through
 from hapnet.params import Params
@@ -17,6 +17,7 @@ from hapnet.recording.mcap import read_recording, save
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.recorded import from_recording
 from hapnet.summary.run import combine, merge
+from hapnet.summary.tables import felt_line
 from hapnet.summary.words import felt
 from tests.support.commands import Capture
 
@@ -155,3 +156,19 @@ def test_a_law_of_the_users_own_says_its_springs_or_nothing_is_claimed() -> None
         "springs_N_m": None,
         "local_limit_N_m": 600.0,
     }
+
+
+def pushing(*, dof: int = 1) -> ForceWorld:
+    """2 N from 1 s on, without energy to give."""
+    return ForceWorld(lambda x, v, t: (2.0 if t > 1.0 else 0.0,), dof=dof)
+
+
+def pushing_with_energy(*, dof: int = 1) -> ForceWorld:
+    return ForceWorld(lambda x, v, t: (2.0 if t > 1.0 else 0.0,), dof=dof, energy_J=0.1)
+
+
+@pytest.mark.parametrize(("scene", "said"), [(pushing, True), (pushing_with_energy, False)])
+def test_the_last_line_says_that_a_force_which_pushes_was_held_back(scene: Any, said: bool) -> None:
+    result = simulate({"scene": f"{__name__}:{scene.__name__}", "duration_s": 3.0}, 1)
+    assert ((result.summary["environment"]["env_given_J"] or 0.0) > 1e-3) == said
+    assert ("of their own, and were held back." in felt_line(result.summary)) == said
