@@ -15,7 +15,9 @@ from hapnet.control.coupling import (
     PortSample,
     Update,
     WaveSample,
+    counted,
 )
+from hapnet.control.ledger import Ledger
 
 T = 1e-3
 
@@ -167,3 +169,33 @@ def test_a_step_begins_with_what_has_arrived_and_then_says_its_own() -> None:
     steps.coupling.receive(PortSample((1.0,), 2.0), 0.0, 0.0)
     assert steps.update(0.01, (0.0,), 0.0) == Update(WaveSample((1.0,), 0.5))
     assert law.asked == [f"receive {PortSample((1.0,), 2.0)}", "begin", "sample"]
+
+
+class Bank:
+    """A coupling with a spring of 0.25 J and 1 J in its reservoir, of which the law discards 0.7 J."""
+
+    def __init__(self) -> None:
+        self.ledger = Ledger(0.0, 1.0)
+        self.account = 1.0
+        self.coupling = self
+
+    def potential(self, x: Vector) -> float:
+        return 0.25
+
+    def update(self, dt: float, x: Vector, dissipated: float) -> Update:
+        self.account = 0.3
+        return Update(None)
+
+
+@pytest.mark.parametrize(
+    ("kinetic", "dissipated", "least"), [(0.5, -0.2, -0.45), (0.25, 0.2, -0.4), (0.0, -0.1, -0.05)]
+)
+def test_a_step_is_checked_before_the_law_too(kinetic: float, dissipated: float, least: float) -> None:
+    """1 J at the start and 0.1 J of work, less what is stored and 1 J in the reservoir: that is the least slack.
+
+    A negative D is charged first. After the law 0.3 J are in the reservoir, and the slack is larger.
+    """
+    bank = Bank()
+    counted(bank, T, (0.0,), kinetic, 0.1, dissipated)
+    assert bank.ledger.slack_min == pytest.approx(least)
+    assert bank.ledger.slack == pytest.approx(1.1 - kinetic - 0.25 - 0.3)

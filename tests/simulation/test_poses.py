@@ -83,6 +83,18 @@ def test_a_handle_in_a_hand_pays_for_its_motion() -> None:
         assert device.kinetic - before == pytest.approx(work + float(np.dot(force, moved)) - lost, abs=1e-15)
 
 
+def test_a_tick_in_parts_is_as_many_ticks_of_one_part() -> None:
+    """The hand's reference goes through a tick from its begin to its end."""
+    hand, path = Rest(AXES, Impedance(0.1, 3.0, 400.0)), turned((0.02, -0.01, 0.005), (0.1, 0.3, -0.2))
+    whole = SimulatedHandle(hand, mass=0.045, damping=0.3, period=4e-3, substeps=4)
+    parts = SimulatedHandle(hand, mass=0.045, damping=0.3, period=1e-3, substeps=1)
+    work = whole._run((0.0,) * AXES, path)
+    shares = [tuple((0.25 * k * np.array(path)).tolist()) for k in range(5)]
+    assert work == pytest.approx(sum(parts._run(*shares[k : k + 2]) for k in range(4)), rel=1e-12)
+    assert whole.handle.body.x == pytest.approx(parts.handle.body.x, abs=1e-15)
+    assert max(map(abs, whole.handle.body.x)) > 1e-4
+
+
 def test_a_step_of_a_handle_that_is_not_found_at_once_is_cut() -> None:
     """A stiff hand that turns by 2 rad within a step of 50 ms: all steps are found, and the handle follows."""
     away = turned((0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
