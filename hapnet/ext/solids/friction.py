@@ -23,8 +23,8 @@ from hapnet.records.vectors import dot
 Friction = Callable[[Vector], float]
 """Coulomb's mu at a place (3,) [m]; a value that is not above 0 counts as 0."""
 
-_STUCK = 1e6
-"""The largest c, in units of a."""
+_STUCK = 1e5
+"""The largest c, in units of a: a held force falls by 1 % in minutes. A larger one costs digits of the force."""
 
 
 def at(friction: float | Friction, place: Vector) -> float:
