@@ -15,6 +15,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter, MissingLibrary
+from hapnet.ext.solids.mesh_mending import mended
 from hapnet.ext.solids.mesh_smoothness import linked_groups
 from hapnet.ext.solids.mesh_surface import Triangles, directed, fans_of, require_closed
 from hapnet.installing import require
@@ -71,9 +72,10 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     Raises InvalidParameter: it is not closed, has no volume, or cannot be joined. MissingLibrary: there are parts to
     be joined, and manifold3d is not installed; or libigl is not.
     """
+    require("mesh", "a scene with a mesh")
+    triangles, notes = mended(triangles)
     vertices, triangles = _apart(vertices, triangles)
     require_closed(triangles)
-    require("mesh", "a scene with a mesh")
     igl: Any = import_module("igl")
     count, part_of = igl.facet_components(triangles)
     every = [MeshPart.of(vertices, triangles[part_of == i]) for i in range(count)]
@@ -90,12 +92,12 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     ]
     done = "; ".join(filter(None, counts))
     if not (turned or before or len(parts) < len(every)):
-        return vertices, triangles, ""
+        return vertices, triangles, "; ".join(notes)
     start = np.cumsum([0, *[len(part.vertices) for part in made]])
     return (
         np.concatenate([part.vertices for part in made]),
         np.concatenate([part.triangles + first for part, first in zip(made, start, strict=False)]),
-        f"of {count} part{'s' * (count > 1)}: {done}",
+        "; ".join([*notes, f"of {count} part{'s' * (count > 1)}: {done}"]),
     )
 
 
