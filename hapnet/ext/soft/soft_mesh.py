@@ -19,7 +19,11 @@ _ROUND = 0.65
 
 _BEND = 0.35
 _FLAT = 1e-6
-"""A tetrahedron of less than this share of the mean volume is dropped."""
+"""A tetrahedron of less than this share of the mean volume is dropped, and a body of less than this share of the cube
+around it is flat."""
+
+_SAME = 1e-7
+"""Nodes closer than this share of the extent are at the same place."""
 
 
 def block(size: tuple[float, ...], nodes: int) -> tuple[Array, Indices]:
@@ -93,7 +97,10 @@ def read(file: str, unit_m: float, nodes: int) -> tuple[Array, Indices]:
 
 
 def checked(file: str, places: Array, tets: Indices) -> tuple[Array, Indices]:
-    """Remove flat tetrahedra and unused nodes. Raises InvalidParameter."""
+    """Remove flat tetrahedra and unused nodes.
+
+    Raises InvalidParameter: there are none or too many, they are not between nodes, the body is flat, or some overlap.
+    """
     if not len(tets) or len(tets) > MOST_TETRAHEDRA:
         raise InvalidParameter("soft", f"{file} with {len(tets)} tetrahedra", f"1 to {MOST_TETRAHEDRA}")
     if tets.min() < 0 or tets.max() >= len(places) or not np.isfinite(places[tets]).all():
@@ -103,10 +110,23 @@ def checked(file: str, places: Array, tets: Indices) -> tuple[Array, Indices]:
         allowed = f"{1e3 * SMALLEST_M:g} mm to {LARGEST_M:g} m: is the unit right?"
         raise InvalidParameter("soft", f"{file}, {extent:.3g} m", allowed)
     volumes = np.abs(np.linalg.det(places[tets[:, 1:]] - places[tets[:, :1]]))
+    if not volumes.sum() > _FLAT * extent**3:
+        raise InvalidParameter("soft", f"{file}, whose tetrahedra have no volume", "a body with a volume")
     tets = tets[volumes > _FLAT * volumes.mean()]
+    if crowded := _crowded_faces(places, tets, extent):
+        value = f"{file}, where {crowded} faces belong to three tetrahedra or more"
+        raise InvalidParameter("soft", value, "each tetrahedron once: a face belongs to one or two")
     used, numbers = np.unique(tets, return_inverse=True)
     places = places[used]
     return places, oriented(places, numbers.reshape(-1, 4))
+
+
+def _crowded_faces(places: Array, tets: Indices, extent: float) -> int:
+    """The number of faces of more than two tetrahedra; nodes at the same place count as one."""
+    node_of = np.unique(np.round(places / (_SAME * extent)), axis=0, return_inverse=True)[1].reshape(-1)
+    faces = np.concatenate([np.delete(node_of[tets], i, axis=1) for i in range(4)])
+    counts = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)[1]
+    return int((counts > 2).sum())
 
 
 def _filled(file: str, places: Array, triangles: Indices, nodes: int) -> tuple[Array, Indices]:

@@ -233,3 +233,23 @@ def test_bad_words_are_one_clear_line(words: str, what: str) -> None:
     with pytest.raises(InvalidParameter, match=what) as raised:
         make_scene(words)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("apart", [False, True], ids=["same nodes", "nodes at the same places"])
+def test_tetrahedra_that_overlap_are_refused(apart: bool) -> None:
+    """Twice the same body has no surface: each face lies between two tetrahedra."""
+    places, tets = soft_mesh.block((0.06, 0.05, 0.04), 64)
+    more = np.concatenate([places, places]) if apart else places
+    doubled = np.concatenate([tets, tets + len(places) if apart else tets])
+    with pytest.raises(InvalidParameter, match="faces belong to three tetrahedra or more'; allowed: each tetrahedron"):
+        soft_mesh.checked("twice.msh", more, doubled)
+    checked, found = soft_mesh.checked("once.msh", places, tets)
+    assert len(found) == len(tets)
+    assert checked == pytest.approx(places)
+
+
+def test_a_flat_body_is_refused() -> None:
+    places, tets = soft_mesh.block((0.06, 0.05, 0.04), 64)
+    places[:, 2] = 0.1 * places[:, 0]
+    with pytest.raises(InvalidParameter, match="whose tetrahedra have no volume"):
+        soft_mesh.checked("flat.msh", places, tets)
