@@ -16,6 +16,7 @@ import typer
 from netem import output, units
 from netem.errors import NetemError
 from netem.groups import grouped
+from netem.notes import notes
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
 from netem.progress import Progress
@@ -98,7 +99,9 @@ class Effects:
         text, profile, *effects = " ".join(words) if words else None, *astuple(self)
         if text is not None and (text in PRESETS or text in ALIASES) and profile is None:
             text, profile = None, text
-        return compose(text, profile, *effects)
+        link = compose(text, profile, *effects)
+        _print_notes(text)
+        return link
 
 
 @dataclass(frozen=True)
@@ -388,9 +391,16 @@ def _complete() -> int:
 
 def _direction(name: str, text: str | None, both: LinkProfile) -> LinkProfile:
     try:
-        return both if text is None else LinkProfile.named(text)
+        link = both if text is None else LinkProfile.named(text)
     except NetemError as error:
         raise NetemError(f"--{name}: {error}") from error
+    _print_notes(text)
+    return link
+
+
+def _print_notes(text: str | None) -> None:
+    for note in notes(text or ""):
+        print(f"netem: {note}", file=sys.stderr)
 
 
 def _seconds(name: str, text: str) -> float:

@@ -18,7 +18,8 @@ from netem.profile import LinkProfile
 class Expectation:
     """Long-run figures; the names are those that `LinkStats` uses for the achieved ones.
 
-    `loss`, `recovered` and `sent_ahead` are shares of the messages offered, `duplicated` is the share of copies;
+    `loss`, `recovered`, `corrupted` (and not lost) and `sent_ahead` are shares of the messages offered, `duplicated` is
+    the share of copies;
     `resent` is the number of resends per message offered. `mean_loss_burst` is None without loss, or if it depends on
     the traffic's pace (``csv``) or on an impairment of `netem.impairments`. `sent_ahead` neglects that losses weaken a
     correlation beyond a gap. The delays are those of the words `delay`, `csv`, `resend` and `reorder`, and of
@@ -32,6 +33,7 @@ class Expectation:
     mean_loss_burst: float | None
     resent: float
     recovered: float
+    corrupted: float
     duplicated: float
     sent_ahead: float
     delay_mean_ms: float
@@ -75,6 +77,7 @@ def expect(profile: LinkProfile) -> Expectation:
         mean_loss_burst=_burst(profile),
         resent=resent,
         recovered=recovered,
+        corrupted=arrived * profile.corrupt,
         duplicated=copies / (1.0 + copies),
         sent_ahead=float(shares[0]) * ahead,
         delay_mean_ms=total,

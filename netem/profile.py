@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from netem import effects, units
+from netem import effects, tc, units
 from netem.effects import MOST_RESENDS, FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Resend, Slot
 from netem.errors import ProfileError
 from netem.impairment import Impairment
@@ -124,7 +124,8 @@ class LinkProfile:
         ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
         [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order; and the words of
-        `netem.impairments`, such as ``duplicate P [C]``.
+        `netem.impairments`, such as ``duplicate P [C]``. A whole command of tc, and what ``tc qdisc show`` prints, are
+        read too (`netem.tc`).
 
         Beyond tc: ``resend N TIME [unordered]`` offers lost messages again (`netem.effects.Resend`; 0: never).
         ``trace FILE`` replaces a rate by delivery opportunities (`netem.trace.CapacityTrace`). ``csv FILE`` adds a
@@ -192,7 +193,7 @@ def compose(
 
 def _read(text: str) -> tuple[dict[str, Any], set[str]]:
     """The fields that a profile's words set, and the set of words found."""
-    words = Words(text)
+    words = Words(tc.options(text))
     fields: dict[str, object] = {}
     seen: set[str] = set()
     others: list[Impairment] = []
@@ -239,10 +240,9 @@ def _distribution(words: Words) -> dict[str, object]:
 
 def _loss(words: Words) -> dict[str, object]:
     kind = words.take_if("random", "state", "gemodel") or "random"
-    word, most = f"loss {kind}", {"random": 2, "state": 5, "gemodel": 4}[kind]
-    p = words.numbers(word, units.parse_fraction, 1, most)
     if kind == "random":
-        return {"loss": RandomLoss(*p)}
+        return {"loss": RandomLoss(*words.numbers("loss random", units.parse_fraction, 1, 2))}
+    p = words.labelled(f"loss {kind}", units.parse_fraction, _LABELS[kind])
     if len(p) == 1:
         p.append(1.0 - p[0])
     return {"loss": FourStateLoss(*p) if kind == "state" else GilbertElliottLoss(*p)}
@@ -278,12 +278,19 @@ def _gap(words: Words) -> dict[str, object]:
 def _rate(words: Words) -> dict[str, object]:
     fields: dict[str, object] = {"rate_bit_s": units.parse_rate("rate", words.take("rate"))}
     shaping = words.numbers("rate", lambda word, text: units.parse_int(word, text, -(2**31)), 0, 3)
-    return fields | dict(zip(("overhead", "cell_size", "cell_overhead"), shaping, strict=False))
+    fields |= dict(zip(_SHAPING.values(), shaping, strict=False))
+    while name := words.take_if(*_SHAPING):  # as tc prints those that are not 0
+        fields[_SHAPING[name]] = units.parse_int(f"rate {name}", words.take(f"rate {name}"), -(2**31))
+    return fields
 
 
 def _slot(words: Words) -> dict[str, object]:
-    distribution = words.take("slot distribution") if words.take_if("distribution") else ""
-    times = words.numbers("slot", units.parse_time, 2 if distribution else 1, 2)
+    distribution = ""
+    if words.take_if("distribution"):
+        # tc prints no name
+        distribution = "uniform" if words.number_follows() else words.take("slot distribution")
+    # tc always read a bare time of a slot as ns; that of a delay once was in us
+    times = words.numbers("slot", lambda word, text: units.parse_time(word, text, "ns"), 2 if distribution else 1, 2)
     limits: dict[str, int] = {}
     while name := words.take_if("packets", "bytes"):
         limits[name] = units.parse_int(f"slot {name}", words.take(f"slot {name}"), 0, 2**31 - 1)
@@ -305,6 +312,12 @@ def _limit(words: Words) -> dict[str, object]:
 def _seed(words: Words) -> dict[str, object]:
     return {"seed": units.parse_int("seed", words.take("seed"), 0, 2**64 - 1)}
 
+
+_LABELS = {"state": ("p13", "p31", "p32", "p23", "p14"), "gemodel": ("p", "r", "1-h", "1-k")}
+"""The names that tc prints before the values of a loss model."""
+
+_SHAPING = {"packetoverhead": "overhead", "cellsize": "cell_size", "celloverhead": "cell_overhead"}
+"""The names that tc prints before the values after a rate, and their fields."""
 
 _Reader = Callable[[Words], dict[str, object]]
 _GRAMMAR: Mapping[str, _Reader] = {
@@ -332,5 +345,5 @@ _OPTIONS: Mapping[str, _Reader] = {
 }
 _ALIASES = {"latency": "delay", "drop": "loss"}
 _REFUSED = {
-    "ecn": "no marking: messages have no ECN field and are lost instead",
+    "ecn": "the same text without ecn: messages have no ECN field to mark, so they are lost",
 }

@@ -51,10 +51,10 @@ def run(
 ) -> Survey:
     """Send `count` messages of `size` bytes, one every `interval_ns`, and wait for all that arrive.
 
-    The messages are plain numbers, so nothing can be corrupted. `progress` is called from time to time with the share
-    sent, 0 to 1.
+    The messages are plain numbers, so a corrupted one is only counted. `progress` is called from time to time with the
+    share sent, 0 to 1.
     """
-    link: Link[int] = Link(profile, seed)
+    link: Link[int] = Link(profile, seed, flip=lambda number, _: number)
     delays = np.full(count, -1, dtype=np.int64)
     for number in range(count):
         if progress is not None and number % _REPORT_EVERY == 0:
@@ -106,6 +106,9 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
     )
     if profile.resend is not None:
         out.append(f"resent     {stats.resent} times, recovered {stats.recovered} ({stats.recovered * share:.2f} %)")
+    if profile.corrupt:
+        expectation = f"expected {100 * expected.corrupted:.2f} %"
+        out.append(f"corrupted  {stats.corrupted} ({stats.corrupted * share:.2f} % of the offered, {expectation})")
     if stats.duplicated:
         expectation = f"expected {100 * expected.duplicated:.2f} %"
         out.append(f"duplicated {stats.duplicated} ({stats.duplicated * share:.2f} % of the offered, {expectation})")

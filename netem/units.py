@@ -32,14 +32,15 @@ def is_number(text: str) -> bool:
     return text.lstrip("+-.")[:1].isdigit()
 
 
-def parse_time(word: str, text: str) -> int:
-    """Time in whole ns, truncated as tc does, 0 to 100,000 s.
+def parse_time(word: str, text: str, bare: str = "") -> int:
+    """Time in whole ns, truncated as tc does, 0 to 100,000 s. bare : the unit of a number without one.
 
-    A unit is required (except for 0): tc's manual page reads a bare number as microseconds, its code as nanoseconds.
+    Without `bare`, a unit is required (except for 0): tc's manual page reads a bare number as microseconds, its code as
+    nanoseconds.
     """
     allowed = "a time with its unit (s, ms, us, ns), 0 to 100000s, such as 40ms"
     number, unit = _split(word, text, allowed)
-    unit = _TIME_ALIASES.get(unit, unit)
+    unit = _TIME_ALIASES.get(unit, unit) or bare
     if unit == "" and number == 0:
         return 0
     if unit not in _TIME_NS or not 0 <= (ns := number * _TIME_NS[unit]) <= MAX_TIME_NS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from netem import units
@@ -32,6 +32,20 @@ class Words:
     def numbers(self, word: str, read: Callable[[str, str], Any], low: int, high: int) -> list[Any]:
         """Read at least `low` values with `read`, and up to `high` while numbers follow."""
         out: list[Any] = []
-        while len(out) < low or (len(out) < high and not self.at_end() and units.is_number(self._words[self._next])):
+        while len(out) < low or (len(out) < high and self.number_follows()):
             out.append(read(word, self.take(word)))
         return out
+
+    def labelled(self, word: str, read: Callable[[str, str], Any], labels: Sequence[str]) -> list[Any]:
+        """Read up to one value for each label, at least one; each may stand after its label, as tc prints it."""
+        out: list[Any] = []
+        for label in labels:
+            named = self.take_if(label)
+            if out and not named and not self.number_follows():
+                break
+            out.append(read(f"{word} {label}" if named else word, self.take(word)))
+        return out
+
+    def number_follows(self) -> bool:
+        """Whether the next word is a number, perhaps with a unit."""
+        return not self.at_end() and units.is_number(self._words[self._next])

@@ -17,6 +17,7 @@ from hapnet.param_sources import FLAG
 from hapnet.params import Params
 from netem.errors import NetemError
 from netem.groups import Without
+from netem.notes import notes
 from netem.presets import ALIASES, PRESETS
 from netem.profile import LinkProfile, compose
 
@@ -108,6 +109,9 @@ class LinkOptions:
 
                 with _from("--timeline" if given is None else f"--{name}-timeline"):
                     changes[f"link.{name}_timeline"] = str(Timeline.read(text))
+        for flag, given in (("--link", self.link), ("--uplink", self.uplink), ("--downlink", self.downlink)):
+            for note in notes(given or ""):
+                sys.stderr.write(f"{flag}: {note}\n")
         return params.set(changes, FLAG)
 
     def for_all_of(self, params: Params) -> Params:

@@ -19,6 +19,7 @@ def test_an_ideal_link() -> None:
         "mean_loss_burst": None,
         "resent": 0.0,
         "recovered": 0.0,
+        "corrupted": 0.0,
         "sent_ahead": 0.0,
         "duplicated": 0.0,
         "delay_mean_ms": 0.0,
