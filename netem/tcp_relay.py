@@ -5,8 +5,8 @@
 
 A stream must lose nothing, so the link's losses become delays, as over a real line: each direction of a connection is
 cut into segments, which the other end acknowledges through the other link. A segment is sent again when three that
-were sent after it are acknowledged, or when its timer ends (RFC 6298, with Linux's minimum of 200 ms, doubled at
-each try). Early segments wait for missing ones. There is no congestion control: a loss costs time, not rate.
+were sent after it are acknowledged, or when its timer ends (`netem.retransmission`). Early segments wait for missing
+ones. There is no congestion control: a loss costs time, not rate.
 
 Clients share the two links, as they would share a line. A rate counts the payload: ``rate 1mbit 40`` adds the headers
 of TCP and IPv4, and lets acknowledgements take their part of the line.
@@ -32,6 +32,7 @@ from netem.errors import NetemError, ProfileError
 from netem.link import Link
 from netem.profile import LinkProfile
 from netem.relay import SocketAddress, format_address, resolve
+from netem.retransmission import RoundTrips
 from netem.stats import LinkStats
 
 SEGMENT: Final = 1448
@@ -39,9 +40,6 @@ SEGMENT: Final = 1448
 
 WINDOW: Final = 1 << 20
 """Bytes of a stream that may be in flight, or wait for a program that does not read; then its sender waits too."""
-
-MIN_TIMER_S, MAX_TIMER_S = 0.2, 60.0
-"""Bounds of the time after which a segment is sent again [s]: Linux's minimum, and the lowest maximum in RFC 6298."""
 
 _LATER = 3  # acknowledgements of later segments that show the loss of a segment (RFC 5681)
 
@@ -255,7 +253,7 @@ class _Stream:
         self._early: dict[int, bytes | None] = {}
         self._received: deque[bytes | None] = deque()
         self._next = 0
-        self._mean_s = self._spread_s = 0.0  # of the round trips; 0: none was measured
+        self._trips = RoundTrips()
         self._timer: asyncio.TimerHandle | None = None
 
     async def send(self, data: bytes | None) -> None:
@@ -307,7 +305,7 @@ class _Stream:
         """Enter that segment `number`, sent at `place` in the order, has arrived, and all below `through`."""
         segment = self._in_transit.get(number)
         if segment is not None and segment.place == place:
-            self._measure(1e-9 * (time.monotonic_ns() - segment.sent_ns))
+            self._trips.measure(1e-9 * (time.monotonic_ns() - segment.sent_ns), through, self._number)
         for arrived in [each for each in self._in_transit if each < through or each == number]:
             del self._in_transit[arrived]
         lost = [(each, sent) for each, sent in self._in_transit.items() if sent.place + _LATER <= place]
@@ -320,13 +318,6 @@ class _Stream:
         del self._in_transit[number]  # it moves to the end of the order
         self._send(number, segment)
 
-    def _measure(self, trip_s: float) -> None:
-        if not self._mean_s:
-            self._mean_s, self._spread_s = trip_s, trip_s / 2
-        else:
-            self._spread_s += (abs(trip_s - self._mean_s) - self._spread_s) / 4
-            self._mean_s += (trip_s - self._mean_s) / 8
-
     def _set_timer(self) -> None:
         """Set the timer for the segment in flight that was sent first."""
         if self._timer is not None:
@@ -334,9 +325,7 @@ class _Stream:
             self._timer = None
         if self._in_transit:
             first = next(iter(self._in_transit.values()))
-            usual_s = self._mean_s + 4 * self._spread_s if self._mean_s else 1.0
-            wait_s = min(max(usual_s, MIN_TIMER_S) * 2 ** min(first.tries - 1, 16), MAX_TIMER_S)
-            left_s = wait_s - 1e-9 * (time.monotonic_ns() - first.sent_ns)
+            left_s = self._trips.timer_s(first.tries) - 1e-9 * (time.monotonic_ns() - first.sent_ns)
             self._timer = asyncio.get_running_loop().call_later(max(left_s, 0.0), self._ring)
 
     def _ring(self) -> None:
