@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from netem import units
+from netem.delay_table import DelayTable
 from netem.errors import ProfileError
 
 DISTRIBUTIONS = ("uniform", "normal", "pareto", "paretonormal")
@@ -96,7 +97,7 @@ class Resend:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """``slot MIN [MAX]`` or ``slot distribution NAME DELAY JITTER``, then ``[packets N] [bytes N]``: releases in slots.
+    """``slot MIN [MAX]`` or ``slot distribution NAME|FILE DELAY JITTER``, then ``[packets N] [bytes N]``.
 
     The time between slots is uniform in [min_ns, max_ns]. With a `distribution`, min_ns is its DELAY and max_ns its
     JITTER. A slot lets at most `packets` packets and `bytes` bytes through (0: no limit).
@@ -104,7 +105,7 @@ class Slot:
 
     min_ns: int
     max_ns: int
-    distribution: str = ""
+    distribution: str | DelayTable = ""
     packets: int = 0
     bytes: int = 0
 
@@ -150,7 +151,7 @@ def check_int(word: str, value: int, low: int, high: int) -> None:
         raise ProfileError(word, value, f"a whole number from {low} to {high}")
 
 
-def check_distribution(word: str, value: str) -> None:
-    """Raise ProfileError unless `value` is the name of a distribution."""
-    if value not in DISTRIBUTIONS:
-        raise ProfileError(word, value, ", ".join(DISTRIBUTIONS), DISTRIBUTIONS)
+def check_distribution(word: str, value: str | DelayTable) -> None:
+    """Raise ProfileError unless `value` is a table or the name of a distribution."""
+    if isinstance(value, str) and value not in DISTRIBUTIONS:
+        raise ProfileError(word, value, f"{', '.join(DISTRIBUTIONS)}, or a file", DISTRIBUTIONS)

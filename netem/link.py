@@ -10,8 +10,8 @@ The order of effects is tc-netem's: loss (and `netem.impairments`), corruption, 
   these have left already, so that the order does not depend on the times of polling.)
 * Without a rate, messages leave in the order of their release times, so jitter reorders them. With a rate, a message is
   released at ``max(now + delay, last release) + size/rate``, so the order is kept.
-* A trace of delivery opportunities replaces the rate (`netem.trace.TraceLine`) and keeps the order too. A trace of
-  conditions adds its delay to the drawn one, and its loss to that of the loss model.
+* A trace replaces the rate (`netem.trace.TraceLine`, `netem.rate_trace.RateTraceLine`) and keeps the order too. A
+  trace of conditions adds its delay to the drawn one, and its loss to that of the loss model.
 * An open slot releases the messages that are ready, up to its limits. The next slot is drawn when this one is
   exhausted, or when the next message comes after it.
 * A message that `duplicate` offers twice is two messages, as in the kernel: each has its own draws and is counted, the
@@ -32,6 +32,7 @@ from netem.errors import NetemError
 from netem.line import RateLine
 from netem.offering import leave, offer, passes
 from netem.profile import LinkProfile
+from netem.rate_trace import RateTraceLine
 from netem.resend import Resends, taken
 from netem.slots import Entry, SlotGate
 from netem.stats import Counters, DelayHistogram, LinkStats
@@ -69,7 +70,7 @@ class Link(Generic[T]):
     since_reorder : number of messages offered since the last one that was sent ahead.
     gate : the gate of slots; ready : due messages. later : messages that reach the line later than they were offered,
     if there may be any (`beside`): (when, number, item, sent, size, delay). acts : whether there are further
-    impairments. has_traces : whether traces change the draws' results. limit, gap : those of the profile.
+    impairments. has_traces : whether traces change the draws' results. limit, limit_bytes, gap : those of the profile.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class Link(Generic[T]):
         self.queue: list[Entry[T]] = []
         self.since_reorder = 0
         self.in_order_ns = self.last_due_ns = _LONG_AGO
-        self.line: RateLine | TraceLine | None = None
+        self.line: RateLine | TraceLine | RateTraceLine | None = None
         self.ready: list[Entry[T]] = []
         self.later: list[tuple[int, int, T, int, int, int]] = []
         self.gate: SlotGate[T] | None = None
@@ -131,7 +132,7 @@ class Link(Generic[T]):
         return passes(self)
 
     def send(self, now_ns: int, item: T, size: int | None = None) -> None:
-        """Offer an item at `now_ns`. A rate, a trace or a slot uses its `size` in bytes; None: ``len(item)``.
+        """Offer an item at `now_ns`. A rate, a trace, a slot or a limit uses its `size` in bytes; None: ``len(item)``.
 
         Raises NetemError: the profile needs a size, and the item has none or it is negative.
         """
@@ -182,9 +183,13 @@ class Link(Generic[T]):
             return cast(T, models.flip_bit(cast(bytes, item), bit))
         return self._flip(item, lambda data: models.flip_bit(data, bit))
 
-    def is_full(self, now_ns: int) -> bool:
-        """Whether the limit of messages in flight is reached, after all due messages have left."""
+    def is_full(self, now_ns: int, size: int) -> bool:
+        """Whether a message of `size` bytes is beyond the limit of what is in flight, after all due messages left."""
         self._settle(now_ns)
+        if self.limit_bytes:
+            size += sum(entry[4] for entry in self.queue) + sum(entry[4] for entry in self.later)
+            if size > self.limit_bytes:
+                return True
         return len(self.queue) + len(self.later) >= self.limit
 
     def poll(self, now_ns: int) -> list[tuple[int, T]]:
@@ -236,16 +241,17 @@ class Link(Generic[T]):
             self.gate = SlotGate(profile.slot, self.streams.next_slot, now_ns)
         if profile.rate_bit_s:
             self.line = RateLine(profile, free_ns)
-        elif profile.trace is None or not isinstance(self.line, TraceLine):
+        elif profile.trace is None or isinstance(self.line, RateLine):
             self.line = None
         self._profile = profile
-        self.limit, self.gap, self.acts = profile.limit, profile.gap, bool(self.streams.others)
+        self.limit, self.limit_bytes = profile.limit, profile.limit_bytes
+        self.gap, self.acts = profile.gap, bool(self.streams.others)
         self.resends = Resends(profile.resend, profile.loss)
         self.lined = lined = bool(profile.rate_bit_s or profile.trace)
         self.has_traces = profile.trace is not None or profile.csv is not None
         self.beside = lined and profile.resend is not None and not profile.resend.ordered
         self.transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
-        self._needs_size = bool(lined or (profile.slot and profile.slot.bytes))
+        self._needs_size = bool(lined or profile.limit_bytes or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None, free_ns: int) -> None:
         """Start the traces that `previous` did not have: at `start_ns`, or with the next message if that is None."""
@@ -256,7 +262,7 @@ class Link(Generic[T]):
         if start_ns is None:
             return
         if trace is not None and (previous is None or trace != previous.trace):
-            self.line = TraceLine(trace, start_ns, free_ns)
+            self.line = trace.line(start_ns, free_ns)
         if previous is None or conditions != previous.csv:
             self._conditions = None if conditions is None else (conditions, start_ns)
 
@@ -285,6 +291,6 @@ def _size_of(item: object, given: int | None) -> int:
         raise NetemError(f"size: {given} is not allowed; allowed: a number of bytes from 0")
     if not isinstance(item, Sized):
         raise NetemError(
-            f"size of {type(item).__name__}: a rate, a trace or a slot with bytes needs it; give send() a size in bytes"
+            f"size of {type(item).__name__}: a rate, a trace, a slot or a limit in bytes needs it; give send() a size"
         )
     return len(item)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from netem.delay_table import DelayTable
 from netem.effects import FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Slot
 from netem.profile import LinkProfile
 
@@ -62,8 +63,8 @@ def delays(rng: Generator, profile: LinkProfile) -> Iterator[NDArray[np.int64]]:
     """Delays in ns, never negative: the delay plus jitter.
 
     Without a distribution the jitter is uniform in [-J, J), with standard deviation J/sqrt(3). With one it is J times
-    an entry of `table`. With a correlation C the delays' lag-1 correlation is C: the quantiles follow a Gaussian AR(1)
-    process, whose coefficient comes from `latent_correlation`.
+    an entry of `table`, or of a file's (`netem.delay_table`). With a correlation C the delays' lag-1 correlation is C:
+    the quantiles follow a Gaussian AR(1) process, whose coefficient comes from `latent_correlation`.
     """
     if profile.jitter_ns == 0:
         return repeat(np.full(BLOCK, profile.delay_ns))
@@ -76,16 +77,18 @@ def delays(rng: Generator, profile: LinkProfile) -> Iterator[NDArray[np.int64]]:
 
 
 def delay_quantiles(profile: LinkProfile) -> NDArray[np.int64]:
-    """The delays in ns at the centres of 4096 equal slices of probability, ascending."""
-    return _quantiles(profile.delay_ns, profile.jitter_ns, profile.distribution)
+    """The delays in ns at the centres of equal slices of probability, ascending: 4096, or all of a file's delays."""
+    own = profile.distribution
+    return _quantiles(profile.delay_ns, profile.jitter_ns, own, len(own.values) if isinstance(own, DelayTable) else 0)
 
 
-def _quantiles(delay_ns: int, jitter_ns: int, distribution: str) -> NDArray[np.int64]:
-    return _Jittered(delay_ns, jitter_ns, distribution)((np.arange(_TABLE_SIZE) + 0.5) / _TABLE_SIZE)
+def _quantiles(delay_ns: int, jitter_ns: int, distribution: str | DelayTable, slices: int = 0) -> NDArray[np.int64]:
+    slices = slices or _TABLE_SIZE
+    return _Jittered(delay_ns, jitter_ns, distribution)((np.arange(slices) + 0.5) / slices)
 
 
 @lru_cache
-def _delay_coefficient(delay_ns: int, jitter_ns: int, distribution: str, correlation: float) -> float:
+def _delay_coefficient(delay_ns: int, jitter_ns: int, distribution: str | DelayTable, correlation: float) -> float:
     """`latent_correlation` of a profile's delays, cached: it takes milliseconds, and many links share a profile."""
     return latent_correlation(_quantiles(delay_ns, jitter_ns, distribution), correlation)
 
@@ -93,17 +96,20 @@ def _delay_coefficient(delay_ns: int, jitter_ns: int, distribution: str, correla
 class _Jittered:
     """An increasing map of uniform draws in [0, 1) to delays in ns; its table is made once."""
 
-    def __init__(self, delay_ns: int, jitter_ns: int, distribution: str) -> None:
+    def __init__(self, delay_ns: int, jitter_ns: int, distribution: str | DelayTable) -> None:
         self._low, self._width = delay_ns - jitter_ns, 2 * jitter_ns
         self._table: NDArray[np.int64] | None = None
-        if distribution != "uniform":
+        if isinstance(distribution, DelayTable):
+            around = np.rint(np.array(distribution.values) * jitter_ns)
+            self._table = np.maximum(delay_ns + around.astype(np.int64), 0)
+        elif distribution != "uniform":
             scaled = table(distribution) * jitter_ns
             rounded = np.sign(scaled) * ((np.abs(scaled) + _TABLE_ONE // 2) // _TABLE_ONE)
             self._table = np.maximum(delay_ns + rounded, 0)
 
     def __call__(self, uniforms: NDArray[np.float64]) -> NDArray[np.int64]:
         if self._table is not None:
-            return self._table[(uniforms * _TABLE_SIZE).astype(np.intp)]
+            return self._table[(uniforms * len(self._table)).astype(np.intp)]
         return np.maximum(self._low + (uniforms * self._width).astype(np.int64), 0)
 
 

@@ -40,7 +40,7 @@ def offer(link: Link[Any], now_ns: int, item: Any, size: int) -> None:
         return
     if corrupt:
         item = corrupted(link, item)
-    if is_full(link, now_ns):
+    if is_full(link, now_ns, size):
         counters.dropped_limit += 1
         return
     link.since_reorder += 1
@@ -129,9 +129,10 @@ def corrupted(link: Link[Any], item: Any) -> Any:
     return link.corrupted(item)
 
 
-def is_full(link: Link[Any], now_ns: int) -> bool:
-    """Whether the limit of messages in flight is reached."""
-    return (link.gate is not None or len(link.queue) >= link.limit or bool(link.later)) and link.is_full(now_ns)
+def is_full(link: Link[Any], now_ns: int, size: int) -> bool:
+    """Whether a message of `size` bytes is beyond the limit of what is in flight."""
+    at_limit = link.gate is not None or len(link.queue) >= link.limit or bool(link.later) or link.limit_bytes > 0
+    return at_limit and link.is_full(now_ns, size)
 
 
 def cross(link: Link[Any], ready_ns: int, size: int) -> int:

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from netem import effects, tc, units
+from netem import effects, recorded, tc, units
+from netem.delay_table import DelayTable
 from netem.effects import MOST_RESENDS, FourStateLoss, GilbertElliottLoss, Loss, RandomLoss, Resend, Slot
 from netem.errors import ProfileError
 from netem.impairment import Impairment
 from netem.impairments import IMPAIRMENTS
 from netem.presets import ALIASES, PRESETS
-from netem.trace import CapacityTrace, ConditionTrace
+from netem.rate_trace import RateTrace
+from netem.trace import CapacityTrace, ConditionTrace, load_trace
 from netem.words import Words
 
 __all__ = ["PRESETS", "LinkProfile", "compose"]
@@ -25,9 +27,11 @@ class LinkProfile:
     """The effects of a link on the messages of one direction; times in ns, probabilities and correlations in [0, 1].
 
     The default does nothing. `parse` reads tc-netem's syntax and `str` writes it; ``parse(str(p)) == p``. `limit` is
-    the most messages in flight, 1000 by default as in tc; the link counts those that it drops above that. A `trace`
-    replaces a rate. A `csv` adds its delay and its loss to the others. Both hold the contents of their files. `others`
-    are of `netem.impairments`. More than twenty attributes: one for each setting that a profile can have.
+    the most messages in flight, 1000 by default as in tc, and `limit_bytes` the most bytes (0: no limit); the link
+    counts those that it drops above that. A `trace` replaces a rate. A `csv` adds its delay and its loss to the others.
+    They and a `DelayTable` hold the contents of their files. `others` are of `netem.impairments`.
+
+    More than twenty attributes: one for each setting that a profile can have.
 
     Raises ProfileError: a value is out of range, or two values exclude each other; also from `parse` and `replace`.
     """
@@ -35,7 +39,7 @@ class LinkProfile:
     delay_ns: int = 0
     jitter_ns: int = 0
     delay_correlation: float = 0.0
-    distribution: str = "uniform"
+    distribution: str | DelayTable = "uniform"
     loss: Loss | None = None
     resend: Resend | None = None
     corrupt: float = 0.0
@@ -48,9 +52,10 @@ class LinkProfile:
     cell_size: int = 0
     cell_overhead: int = 0
     slot: Slot | None = None
-    trace: CapacityTrace | None = None
+    trace: CapacityTrace | RateTrace | None = None
     csv: ConditionTrace | None = None
     limit: int = 1000
+    limit_bytes: int = 0
     others: tuple[Impairment, ...] = ()
     seed: int | None = None
 
@@ -61,7 +66,8 @@ class LinkProfile:
             effects.check_fraction(name.replace("_", " "), getattr(self, name))
         effects.check_distribution("distribution", self.distribution)
         if self.distribution != "uniform" and self.jitter_ns == 0:
-            raise ProfileError("distribution", self.distribution, "only after a delay with jitter, 'delay 40ms 10ms'")
+            allowed = "only after a delay with jitter, 'delay 40ms 10ms'"
+            raise ProfileError("distribution", str(self.distribution), allowed)
         if self.reorder and self.delay_ns == 0 and self.csv is None:
             raise ProfileError("reorder", units.format_fraction(self.reorder), "only with a delay, 'delay 40ms'")
         effects.check_int("gap", self.gap, 1, 2**32 - 1)
@@ -72,6 +78,7 @@ class LinkProfile:
         if self.trace is not None and (self.rate_bit_s or self.overhead or self.cell_size):
             raise ProfileError("trace", self.trace.path, "either a trace or a rate")
         effects.check_int("limit", self.limit, 1, 2**63 - 1)
+        effects.check_int("limit bytes", self.limit_bytes, 0, 2**63 - 1)
         if self.seed is not None:
             effects.check_int("seed", self.seed, 0, 2**64 - 1)
 
@@ -107,8 +114,10 @@ class LinkProfile:
             out.append(str(self.slot))
         out.extend(str(trace) for trace in (self.trace, self.csv) if trace is not None)
         out.extend(map(str, self.others))
-        if self.limit != 1000:
-            out.append(f"limit {self.limit}")
+        if self.limit != 1000 or self.limit_bytes:
+            out.append(f"limit {self.limit}" * (self.limit != 1000) or "limit")
+        if self.limit_bytes:
+            out.append(f"bytes {self.limit_bytes}")
         if self.seed is not None:
             out.append(f"seed {self.seed}")
         return " ".join(out)
@@ -123,14 +132,16 @@ class LinkProfile:
 
         ``delay T [J [C]]``, ``distribution NAME``, ``loss [random] P [C]``, ``loss state P13 [P31 [P32 [P23 [P14]]]]``,
         ``loss gemodel P [R [1-H [1-K]]]``, ``corrupt P [C]``, ``reorder P [C]``, ``gap D``, ``rate R [OVERHEAD
-        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit N``, ``seed N``, in any order; and the words of
-        `netem.impairments`, such as ``duplicate P [C]``. A whole command of tc, and what ``tc qdisc show`` prints, are
-        read too (`netem.tc`).
+        [CELLSIZE [CELLOVERHEAD]]]``, ``slot ...``, ``limit [N] [bytes SIZE]``, ``seed N``, in any order; and the words
+        of `netem.impairments`, such as ``duplicate P [C]``. A whole command of tc, and what ``tc qdisc show`` prints,
+        are read too (`netem.tc`).
 
         Beyond tc: ``resend N TIME [unordered]`` offers lost messages again (`netem.effects.Resend`; 0: never).
-        ``trace FILE`` replaces a rate by delivery opportunities (`netem.trace.CapacityTrace`). ``csv FILE`` adds a
-        delay and a loss that change over time (`netem.trace.ConditionTrace`). The files are read at once; a name with
-        spaces needs double quotes.
+        ``trace FILE`` replaces a rate by delivery opportunities (`netem.trace.CapacityTrace`) or by a rate that changes
+        over time (`netem.rate_trace.RateTrace`). ``csv FILE [every TIME]`` adds a delay and a loss that change over
+        time (`netem.trace.ConditionTrace`). ``distribution FILE`` draws from measured delays, or gives a delay with
+        jitter their shape (`netem.delay_table.DelayTable`). Of these words, a file's name alone stands for the one that
+        fits (`netem.recorded`). The files are read at once; a name with spaces needs double quotes.
         """
         return cls(**_read(text)[0])
 
@@ -199,11 +210,14 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
     others: list[Impairment] = []
     while not words.at_end():
         word = _ALIASES.get(given := words.take("profile"), given)
+        if word not in _GRAMMAR and word not in IMPAIRMENTS and recorded.is_file(given):
+            word = recorded.kind_of(given)[0]
+            words.put_back()
         if word in _REFUSED:
             raise ProfileError(given, given, _REFUSED[word])
         if word not in _GRAMMAR and word not in IMPAIRMENTS:
             names = (*_GRAMMAR, *IMPAIRMENTS, *(() if seen else PRESETS))
-            raise ProfileError("profile", given, "one of " + ", ".join(names), names)
+            raise ProfileError("profile", given, f"one of {', '.join(names)}, or a recorded link's file", names)
         if word in seen:
             raise ProfileError(word, given, "each word once")
         seen.add(word)
@@ -215,6 +229,11 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
         fields["others"] = tuple(others)
     if "gap" in seen and "reorder" not in seen:
         fields["reorder"] = 1.0  # as in tc: every gap-th message, not by chance
+    own = fields.get("distribution")
+    if isinstance(own, DelayTable) and own.mean_ns and "delay" not in seen:
+        fields |= {"delay_ns": own.mean_ns, "jitter_ns": own.std_ns}
+        if not own.std_ns:
+            del fields["distribution"]
     return fields, seen
 
 
@@ -235,7 +254,13 @@ def _jitter(words: Words) -> dict[str, object]:
 
 
 def _distribution(words: Words) -> dict[str, object]:
-    return {"distribution": words.take("distribution")}
+    return {"distribution": _shape("distribution", words)}
+
+
+def _shape(word: str, words: Words) -> str | DelayTable:
+    """The name of a distribution, or a file's."""
+    text = words.take(word)
+    return DelayTable.load(text) if text not in effects.DISTRIBUTIONS and recorded.is_file(text) else text
 
 
 def _loss(words: Words) -> dict[str, object]:
@@ -285,10 +310,10 @@ def _rate(words: Words) -> dict[str, object]:
 
 
 def _slot(words: Words) -> dict[str, object]:
-    distribution = ""
+    distribution: str | DelayTable = ""
     if words.take_if("distribution"):
         # tc prints no name
-        distribution = "uniform" if words.number_follows() else words.take("slot distribution")
+        distribution = "uniform" if words.number_follows() else _shape("slot distribution", words)
     # tc always read a bare time of a slot as ns; that of a delay once was in us
     times = words.numbers("slot", lambda word, text: units.parse_time(word, text, "ns"), 2 if distribution else 1, 2)
     limits: dict[str, int] = {}
@@ -298,15 +323,22 @@ def _slot(words: Words) -> dict[str, object]:
 
 
 def _trace(words: Words) -> dict[str, object]:
-    return {"trace": CapacityTrace.load(words.take("trace"))}
+    return {"trace": load_trace(words.take("trace"))}
 
 
 def _csv(words: Words) -> dict[str, object]:
-    return {"csv": ConditionTrace.load(words.take("csv"))}
+    path = words.take("csv")
+    every_ns = units.parse_time("csv every", words.take("csv every")) if words.take_if("every") else 0
+    return {"csv": ConditionTrace.load(path, every_ns)}
 
 
 def _limit(words: Words) -> dict[str, object]:
-    return {"limit": units.parse_int("limit", words.take("limit"), 1)}
+    fields: dict[str, object] = {}
+    if not words.take_if("bytes"):
+        fields["limit"] = units.parse_int("limit", words.take("limit"), 1)
+        if not words.take_if("bytes"):
+            return fields
+    return fields | {"limit_bytes": units.parse_size("limit bytes", words.take("limit bytes"))}
 
 
 def _seed(words: Words) -> dict[str, object]:
@@ -343,6 +375,9 @@ _OPTIONS: Mapping[str, _Reader] = {
     "reorder": _reorder_and_gap,
     "rate": _rate,
 }
+WORDS = frozenset(_GRAMMAR)
+"""The words of a profile, but for those of `netem.impairments`."""
+
 _ALIASES = {"latency": "delay", "drop": "loss"}
 _REFUSED = {
     "ecn": "the same text without ecn: messages have no ECN field to mark, so they are lost",

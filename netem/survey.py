@@ -113,9 +113,8 @@ def lines(profile: LinkProfile, result: Survey) -> list[str]:
         expectation = f"expected {100 * expected.duplicated:.2f} %"
         out.append(f"duplicated {stats.duplicated} ({stats.duplicated * share:.2f} % of the offered, {expectation})")
     if stats.dropped_limit:
-        out.append(
-            f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): over limit {profile.limit}"
-        )
+        over = f"over limit {profile.limit}" + (f" or {profile.limit_bytes} bytes" if profile.limit_bytes else "")
+        out.append(f"dropped    {stats.dropped_limit} ({stats.dropped_limit * share:.2f} %): {over}")
     ahead = f", {stats.sent_ahead} sent ahead (expected {100 * expected.sent_ahead:.2f} %)" if profile.reorder else ""
     out.append(f"reordered  {stats.reordered} ({stats.reordered * share:.2f} %){ahead}")
     if stats.delivered:

@@ -1,4 +1,7 @@
-"""Recorded links: mahimahi's delivery opportunities, and delay and loss over time. Both repeat at their end."""
+"""Recorded links: mahimahi's delivery opportunities, and delay and loss over time. Both repeat at their end.
+
+`load_trace` reads the opportunities, or a rate over time (`netem.rate_trace`).
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,15 @@ from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from typing import TypeVar
 
-from netem import units
+from netem import columns, delay_table, units
 from netem.errors import ProfileError
 from netem.files import read_once
+from netem.rate_trace import HEADING, RateTrace
 
 OPPORTUNITY_BYTES = 1500
+EVERY_NS = 10_000_000
+"""The time for which a delay holds in a file with one per line, as in LeoCC's recordings of Starlink [ns]."""
+
 _MS = 1_000_000
 _MAX_MS = units.MAX_TIME_NS // _MS
 
@@ -65,6 +72,10 @@ class CapacityTrace:
         cycle, within = divmod(elapsed_ns, self.period_ns)
         return cycle * len(self.times_ns) + bisect_right(self.times_ns, within)
 
+    def line(self, start_ns: int, free_ns: int) -> TraceLine:
+        """The line that plays this trace from `start_ns` on; until `free_ns` it carries earlier messages."""
+        return TraceLine(self, start_ns, free_ns)
+
     @classmethod
     def load(cls, path: str) -> CapacityTrace:
         """Read a file in mahimahi's format.
@@ -109,7 +120,10 @@ class TraceLine:
 
 @dataclass(frozen=True, slots=True)
 class ConditionTrace:
-    """``csv FILE``: delay and loss over time, in steps. Line 1 names the columns ``time_s,delay_ms,loss_percent``.
+    """``csv FILE [every TIME]``: delay and loss over time, in steps.
+
+    Line 1 names the columns ``time_s,delay_ms,loss_percent``. Or the file has one delay per line, in ms or in the unit
+    that line 1 names (``delay_us``), and each holds for `every_ns`, 10 ms unless TIME is given.
 
     Times increase and count from the first one. Each line holds until the time of the next. The last line holds as long
     as the line before it; then the trace starts over. A trace of one line never changes. ``loss_percent`` may be left
@@ -122,6 +136,7 @@ class ConditionTrace:
     times_ns: tuple[int, ...] = field(repr=False)
     delays_ns: tuple[int, ...] = field(repr=False)
     losses: tuple[float, ...] = field(repr=False)
+    every_ns: int = 0
 
     def __post_init__(self) -> None:
         units.check_path("csv", self.path)
@@ -135,7 +150,9 @@ class ConditionTrace:
             raise ProfileError("csv", self.path, "losses from 0% to 100%")
 
     def __str__(self) -> str:
-        return f"csv {units.format_path(self.path)}"
+        return f"csv {units.format_path(self.path)}" + (
+            f" every {units.format_time(self.every_ns)}" * bool(self.every_ns)
+        )
 
     @property
     def period_ns(self) -> int:
@@ -163,12 +180,12 @@ class ConditionTrace:
         return math.fsum((end - begin) * value for begin, end, value in spans) / self.period_ns
 
     @classmethod
-    def load(cls, path: str) -> ConditionTrace:
-        """Read a file of delay and loss over time.
+    def load(cls, path: str, every_ns: int = 0) -> ConditionTrace:
+        """Read a file of delay and loss over time; `every_ns` is that of a file with one delay per line.
 
         Raises ProfileError: the file cannot be read, or the heading or a line is malformed; it names the line.
         """
-        return _condition(path)
+        return _condition(path, every_ns)
 
 
 @read_once
@@ -177,8 +194,35 @@ def _capacity(path: str) -> CapacityTrace:
 
 
 @read_once
-def _condition(path: str) -> ConditionTrace:
+def _condition(path: str, every_ns: int) -> ConditionTrace:
+    if _first(path, "csv", 1):
+        return _load("csv", path, lambda lines: _delays(path, every_ns or EVERY_NS, lines))
+    if every_ns:
+        raise ProfileError("csv every", units.format_time(every_ns), "only for a file with one delay per line")
     return _load("csv", path, lambda lines: ConditionTrace(path, *_conditions(path, lines)))
+
+
+def load_trace(path: str) -> CapacityTrace | RateTrace:
+    """Read a file of delivery opportunities, or of a rate over time, which has two columns.
+
+    Raises ProfileError: as `CapacityTrace.load` and `RateTrace.load`.
+    """
+    return RateTrace.load(path) if _first(path, "trace", 2) else CapacityTrace.load(path)
+
+
+def _first(path: str, word: str, count: int) -> bool:
+    """Whether the first line with data has this number of columns, of numbers or with the heading of such a file."""
+    units.check_path(word, path)
+    with units.open_file(word, path) as lines:
+        texts = next((texts for _, texts in columns.rows(lines)), [])
+    named = texts == HEADING or (len(texts) == 1 and texts[0] in delay_table.HEADINGS)
+    return len(texts) == count and (named or all(map(columns.is_number, texts)))
+
+
+def _delays(path: str, every_ns: int, lines: Iterable[str]) -> ConditionTrace:
+    delays_ns = delay_table.delays(path, "csv", lines)
+    times_ns = tuple(number * every_ns for number in range(len(delays_ns)))
+    return ConditionTrace(path, times_ns, tuple(delays_ns), (0.0,) * len(delays_ns), every_ns)
 
 
 def _load(word: str, path: str, read: Callable[[Iterable[str]], _Trace]) -> _Trace:

@@ -29,6 +29,10 @@ class Words:
         """The next word if it is one of `words`, else the empty string."""
         return self.take("") if not self.at_end() and self._words[self._next] in words else ""
 
+    def put_back(self) -> None:
+        """Let the word that was taken last be taken again."""
+        self._next -= 1
+
     def numbers(self, word: str, read: Callable[[str, str], Any], low: int, high: int) -> list[Any]:
         """Read at least `low` values with `read`, and up to `high` while numbers follow."""
         out: list[Any] = []

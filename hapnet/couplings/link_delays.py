@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netem import LinkProfile
+from netem.trace import CapacityTrace
 
 
 class Delays(NamedTuple):
@@ -35,7 +36,7 @@ def _one_way_s(profile: LinkProfile) -> tuple[float, float]:
     """Typical delay and its bound [s]."""
     delay, jitter = profile.delay_ns * 1e-9, profile.jitter_ns * 1e-9
     recorded = [0.0, 0.0]
-    if profile.trace is not None:
+    if isinstance(profile.trace, CapacityTrace):  # a rate over time counts as a rate does: not at all
         times = profile.trace.times_ns
         gaps = np.diff(times, prepend=0) * 1e-9
         recorded = [_wait_s(gaps, share) for share in _RECORDED]

@@ -206,7 +206,7 @@ def _corrupted(link: LinkRecord, message: MessageSlot) -> MessageSlot:
 
 
 @equation
-def _is_full(link: LinkRecord, now_ns: int) -> bool:
+def _is_full(link: LinkRecord, now_ns: int, size: int) -> bool:
     return link.queued >= link.limit
 
 

@@ -188,6 +188,8 @@ def _of_link(profile: LinkProfile) -> Iterator[str]:
     yield from (one.word() for one in profile.others)
     if profile.trace is not None or profile.csv is not None:
         yield "a recorded link"
+    if profile.limit_bytes:
+        yield "a limit in bytes"
     if profile.resend is not None and not profile.resend.ordered and profile.rate_bit_s:
         yield "unordered resends before a rate"
 
