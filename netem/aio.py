@@ -16,7 +16,7 @@ from typing import Generic, Protocol, TypeVar
 
 from netem.link import Link
 from netem.profile import LinkProfile
-from netem.timeline import Timeline, TimelinePlayer
+from netem.timeline import Cut, Timeline, TimelinePlayer
 
 T = TypeVar("T")
 
@@ -144,6 +144,7 @@ class AsyncLink(Generic[T]):
     deliver : called on the loop with each item. It may send. Its exceptions go to the loop's exception handler.
     clock : returns ns and advances as ``time.monotonic_ns`` does.
     loop : None: the running loop.
+    cut : cuts the connections that the link carries, if it carries any, when a timeline says so.
 
     Call all methods on the loop's thread. ``async with AsyncLink(...)`` closes it at the end.
     """
@@ -154,8 +155,9 @@ class AsyncLink(Generic[T]):
         deliver: Callable[[T], object],
         clock: Callable[[], int] = time.monotonic_ns,
         loop: asyncio.AbstractEventLoop | None = None,
+        cut: Callable[[Cut], None] | None = None,
     ) -> None:
-        self.link = link
+        self.link, self._cut = link, cut
         self._deliver, self._clock = deliver, clock
         self._loop = loop or asyncio.get_running_loop()
         self._releasing = False
@@ -176,8 +178,11 @@ class AsyncLink(Generic[T]):
         self.release(now_ns)
 
     def play(self, timeline: Timeline) -> None:
-        """Change the link by a timeline that starts now and replaces any earlier one."""
-        self._player = TimelinePlayer(self.link, timeline, self._clock())
+        """Change the link by a timeline that starts now and replaces any earlier one.
+
+        Raises ProfileError: it cuts connections, and this link carries none.
+        """
+        self._player = TimelinePlayer(self.link, timeline, self._clock(), self._cut)
         if self._player_timer is None:
             self._player_timer = DeadlineTimer(self._loop, self._advance)
         self._advance()
@@ -189,7 +194,9 @@ class AsyncLink(Generic[T]):
         Raises ProfileError: the timeline's text is malformed.
         """
         before, was_up = self.link.profile, self.link.is_up
-        self.play(Timeline.parse(timeline) if isinstance(timeline, str) else timeline)
+        if isinstance(timeline, str):
+            timeline = Timeline.parse(timeline, connections=self._cut is not None)
+        self.play(timeline)
         try:
             yield
         finally:

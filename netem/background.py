@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Literal, TypeVar
 
+from netem.errors import NetemError
 from netem.profile import LinkProfile
 from netem.relay import RelayStats, SocketAddress, UdpRelay
 from netem.tcp_relay import TcpRelay, TcpRelayStats
-from netem.timeline import Timeline
+from netem.timeline import Cut, Timeline
 
 R = TypeVar("R")
 
@@ -83,10 +84,21 @@ class BackgroundRelay:
         changes = [(link, LinkProfile.named(words)) for link, words in pairs if words is not None]
         self._on_loop(lambda: [link.change(profile) for link, profile in changes])
 
+    def cut(self, how: Cut) -> None:
+        """Cut all TCP connections: ``"reset"`` or ``"end"``, see `TcpRelay.cut`. Raises NetemError: it relays UDP."""
+
+        def cut() -> None:
+            if not isinstance(self._relay, TcpRelay):
+                raise NetemError(f"cut: {how!r} is not allowed; allowed: only with protocol='tcp'")
+            self._relay.cut(how)
+
+        self._on_loop(cut)
+
     @contextmanager
     def faults(self, timeline: Timeline | str) -> Iterator[None]:
         """Change both directions by a timeline that starts now; the end of the block restores their profiles."""
-        timeline = Timeline.parse(timeline) if isinstance(timeline, str) else timeline
+        if isinstance(timeline, str):
+            timeline = Timeline.parse(timeline, connections=self._kind is TcpRelay)
         block = ExitStack()
         self._on_loop(
             lambda: [

@@ -216,7 +216,7 @@ def _relays(kind: str) -> Callable[..., None]:
             async with (UdpRelay if kind == "udp" else TcpRelay)(listen, to, *directions, relaying.seed) as relay:
                 return await session.serve(relay, f"{format_address(relay.address)} <-> {to}")
 
-        _Session(relaying).run(run)
+        _Session(relaying, connections=kind == "tcp").run(run)
 
     return grouped(command)
 
@@ -236,7 +236,8 @@ app.command(
     help=f"""Relay a TCP program's connections through a link.
 
     No byte is lost: what the link loses is sent again, as TCP does, and comes later. {_BOTH}
-    the payload's size: 'rate 1mbit 40' adds the headers of IPv4 and TCP.
+    the payload's size: 'rate 1mbit 40' adds the headers of IPv4 and TCP. In a timeline, 'at 5s: reset' resets all
+    connections and 'at 5s: end' ends them in order.
     """,
 )(_relays("tcp"))
 
@@ -312,11 +313,11 @@ def bench(
 class _Session:
     """One run of a relay: its timelines, its duration, and where its figures go."""
 
-    def __init__(self, relaying: Relaying) -> None:
+    def __init__(self, relaying: Relaying, connections: bool = False) -> None:
         from netem.timeline import Timeline
 
         given = (relaying.up_timeline or relaying.timeline, relaying.down_timeline or relaying.timeline)
-        self._timelines = [None if text is None else Timeline.read(text) for text in given]
+        self._timelines = [None if text is None else Timeline.read(text, connections=connections) for text in given]
         self._seed, self._json_to = relaying.seed, relaying.json_to
         self._duration_s = None if relaying.duration is None else _seconds("--duration", relaying.duration)
         self._elapsed_s = 0.0

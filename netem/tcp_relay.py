@@ -22,7 +22,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Final
 
 from numpy.random import SeedSequence
@@ -34,6 +34,7 @@ from netem.profile import LinkProfile
 from netem.relay import SocketAddress, format_address, resolve
 from netem.retransmission import RoundTrips
 from netem.stats import LinkStats
+from netem.timeline import Cut
 
 SEGMENT: Final = 1448
 """Most bytes of a stream in a segment: an Ethernet frame's, less the headers of IPv4 and TCP with time stamps."""
@@ -89,10 +90,11 @@ class TcpRelay:
         if self._listen == self._target:
             raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
         up_seed, down_seed = SeedSequence(seed).spawn(2)
-        self.up: AsyncLink[_Arrival] = AsyncLink(Link(up, up_seed), _arrive)
-        self.down: AsyncLink[_Arrival] = AsyncLink(Link(down, down_seed), _arrive)
+        self.up: AsyncLink[_Arrival] = AsyncLink(Link(up, up_seed), _arrive, cut=self.cut)
+        self.down: AsyncLink[_Arrival] = AsyncLink(Link(down, down_seed), _arrive, cut=self.cut)
         self._max_clients = max_clients
-        self._clients: set[asyncio.Task[None]] = set()
+        self._clients: dict[asyncio.Task[None], _Connection] = {}
+        self._ending: set[asyncio.Task[None]] = set()
         self._seen = self._refused = self._unreachable = self._sent_again = 0
         self._server: asyncio.Server | None = None
         self._address: SocketAddress = self._listen
@@ -138,12 +140,32 @@ class TcpRelay:
         """Stop, and reset open connections. `stats` stays. May be called again."""
         if self._server is not None:
             self._server.close()
-        clients = list(self._clients)
-        for client in clients:
-            client.cancel()
-        await asyncio.gather(*clients, return_exceptions=True)
+        tasks = [*self._clients, *self._ending]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         self.up.close()
         self.down.close()
+
+    def cut(self, how: Cut) -> None:
+        """Cut all connections.
+
+        ``"reset"``: both programs of each receive a reset at once, and data on the links are lost. ``"end"``: each
+        program receives what the other has sent so far and then the end of the stream, after the link's delay. What a
+        program sends later is lost.
+        """
+        for task, connection in list(self._clients.items()):
+            if how == "reset":
+                for writer in connection.writers:
+                    _reset(writer)
+            if how == "reset" or not connection.reading:
+                task.cancel()
+                continue
+            for reading, stream in connection.reading:
+                if not reading.done() and reading.cancel():
+                    ending = asyncio.get_running_loop().create_task(stream.send(b""))
+                    self._ending.add(ending)
+                    ending.add_done_callback(self._ending.discard)
 
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._clients) >= self._max_clients:
@@ -151,14 +173,15 @@ class TcpRelay:
             _reset(writer)
             return
         self._seen += 1
-        client = asyncio.get_running_loop().create_task(self._serve(reader, writer))
-        self._clients.add(client)
-        client.add_done_callback(self._clients.discard)
+        connection = _Connection([writer])
+        client = asyncio.get_running_loop().create_task(self._serve(reader, connection))
+        self._clients[client] = connection
+        client.add_done_callback(self._clients.pop)
 
-    async def _serve(self, near: asyncio.StreamReader, to_near: asyncio.StreamWriter) -> None:
+    async def _serve(self, near: asyncio.StreamReader, connection: _Connection) -> None:
         """Serve one client until both programs have ended."""
+        [to_near] = writers = connection.writers
         up, down = _Stream(self.up, self.down, self._count_again), _Stream(self.down, self.up, self._count_again)
-        writers = [to_near]
         try:
             await up.send(b"")  # the target is connected after the link's delay
             await up.receive()
@@ -173,7 +196,7 @@ class TcpRelay:
             writers.append(to_far)
             async with asyncio.TaskGroup() as both:
                 for reader, stream, writer in ((near, up, to_far), (far, down, to_near)):
-                    both.create_task(_read(reader, stream))
+                    connection.reading.append((both.create_task(_read(reader, stream)), stream))
                     both.create_task(_write(writer, stream))
         except* OSError:  # a program ended while data were written to it: its other side gets a reset too
             for writer in writers:
@@ -186,6 +209,14 @@ class TcpRelay:
 
     def _count_again(self) -> None:
         self._sent_again += 1
+
+
+@dataclass(slots=True)
+class _Connection:
+    """A client's connection: to whom it writes, and the tasks that read into its streams."""
+
+    writers: list[asyncio.StreamWriter]
+    reading: list[tuple[asyncio.Task[None], _Stream]] = field(default_factory=list)
 
 
 _RESET: Final = None

@@ -1,8 +1,12 @@
-"""Change a link while it runs: ``at 5s: delay 200ms; at 8s: down; at 9s: up``."""
+"""Change a link while it runs: ``at 5s: delay 200ms; at 8s: down; at 9s: up``.
+
+For TCP connections there are also ``at 5s: reset`` and ``at 5s: end``.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -15,16 +19,23 @@ from netem.profile import LinkProfile
 _ENTRY = re.compile(r'(?:"[^"\n]*"|[^";\n]|")+')
 _COMMENT = re.compile(r'("[^"\n]*")|#[^\n]*')
 _HEAD = re.compile(r"\s*at\s+([^\s:]+)\s*:(.*)", re.DOTALL)
+_NO_CUT = "reset and end only for TCP connections: netem tcp, TcpRelay"
 _LIKE_ENTRIES = re.compile(r"\s*(at\s|#)")
 _FORM = "'at TIME: PROFILE', 'at TIME: down', 'at TIME: up' or, last, 'at TIME: repeat'"
 
 
+Cut = Literal["reset", "end"]
+"""The ways to cut TCP connections: both programs receive a reset, or an orderly end of the stream."""
+
+Action = LinkProfile | Literal["down", "up"] | Cut
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A change of a link at a time since the timeline's start: another profile, or the link goes down or up."""
+    """A change at a time since the timeline's start: another profile, a link that goes down or up, or a cut."""
 
     at_ns: int
-    action: LinkProfile | Literal["down", "up"]
+    action: Action
 
     def __str__(self) -> str:
         return f"at {units.format_time(self.at_ns)}: {str(self.action) or 'ideal'}"
@@ -58,11 +69,12 @@ class Timeline:
         return "; ".join([*out, f"at {units.format_time(self.repeat_ns)}: repeat"] if self.repeat_ns else out)
 
     @classmethod
-    def parse(cls, text: str) -> Timeline:
+    def parse(cls, text: str, *, connections: bool = False) -> Timeline:
         """Read entries ``at TIME: WHAT``, one per line or separated by semicolons; ``#`` starts a comment.
 
         WHAT is a whole profile in its words (words left out mean the default, not the previous value), a named profile,
-        ``down``, ``up``, or, in the last entry, ``repeat``.
+        ``down``, ``up``, or, in the last entry, ``repeat``. With `connections`, which only TCP has, also ``reset`` and
+        ``end``.
 
         Raises ProfileError: an entry is malformed; it names the entry and the word.
         """
@@ -80,24 +92,25 @@ class Timeline:
                     raise ProfileError(word, "repeat", "a time above 0, after at least one entry")
                 repeat_ns = at_ns
             else:
-                entries.append(Entry(at_ns, _action(word, what)))
+                entries.append(Entry(at_ns, _action(word, what, connections)))
         if not entries:
             raise ProfileError("timeline", text[:40], _FORM)
         return cls(tuple(entries), repeat_ns)
 
     @classmethod
-    def load(cls, path: str) -> Timeline:
+    def load(cls, path: str, *, connections: bool = False) -> Timeline:
         """Read a file of entries.
 
         Raises ProfileError: the file cannot be read, or an entry is malformed.
         """
         with units.open_file("timeline", path, f"{_FORM}, or ") as file:
-            return cls.parse(file.read())
+            return cls.parse(file.read(), connections=connections)
 
     @classmethod
-    def read(cls, text_or_path: str) -> Timeline:
+    def read(cls, text_or_path: str, *, connections: bool = False) -> Timeline:
         """Read a command's option: entries if it starts like an entry, else the name of a file."""
-        return cls.parse(text_or_path) if _LIKE_ENTRIES.match(text_or_path) else cls.load(text_or_path)
+        read = cls.parse if _LIKE_ENTRIES.match(text_or_path) else cls.load
+        return read(text_or_path, connections=connections)
 
 
 class TimelinePlayer:
@@ -108,10 +121,18 @@ class TimelinePlayer:
     link : the link to change.
     timeline : its changes.
     start_ns : the timeline's time 0 on the link's clock.
+    cut : called to cut the connections.
+
+    Raises ProfileError: the timeline cuts connections, and there is no `cut`.
     """
 
-    def __init__(self, link: Link[Any], timeline: Timeline, start_ns: int) -> None:
-        self._link, self._timeline, self._start_ns = link, timeline, start_ns
+    def __init__(
+        self, link: Link[Any], timeline: Timeline, start_ns: int, cut: Callable[[Cut], None] | None = None
+    ) -> None:
+        for entry in () if cut else timeline.entries:
+            if entry.action == "reset" or entry.action == "end":
+                raise ProfileError("timeline", str(entry), _NO_CUT)
+        self._link, self._timeline, self._start_ns, self._cut = link, timeline, start_ns, cut
         self._next = 0
 
     @property
@@ -142,6 +163,9 @@ class TimelinePlayer:
                 self._link.down()
             elif entry.action == "up":
                 self._link.up()
+            elif entry.action == "reset" or entry.action == "end":
+                if self._cut is not None:
+                    self._cut(entry.action)
             else:
                 self._link.change(entry.action, due_ns)
             applied.append((due_ns, entry))
@@ -160,11 +184,15 @@ def _read_head(word: str, entry: str) -> tuple[int, str]:
     return units.parse_time(f"{word}: at", head[1]), head[2].strip()
 
 
-def _action(word: str, what: str) -> LinkProfile | Literal["down", "up"]:
+def _action(word: str, what: str, connections: bool) -> Action:
     if what == "down":
         return "down"
     if what == "up":
         return "up"
+    if what in ("reset", "end"):
+        if not connections:
+            raise ProfileError(word, what, _NO_CUT)
+        return "reset" if what == "reset" else "end"
     if not what:
         raise ProfileError(word, what, _FORM)
     try:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 from netem import LinkProfile, Timeline
-from netem.timeline import Entry
+from netem.timeline import Action, Entry
 
 KIND = "netem"
 """The kind of these events."""
 
 _PREFIX = "emulated link, "
 
-Change: TypeAlias = LinkProfile | Literal["down", "up"]
+Change: TypeAlias = Action
 
 
 def text_of(change: Change | Entry) -> str:
