@@ -46,7 +46,8 @@ Words = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="WORDS",
-        help="A profile's name (`netem profiles`), or tc-netem's text, such as 'delay 40ms 10ms loss gemodel 1% 20%'.",
+        help="A profile's name (`netem profiles`), tc-netem's text, such as 'delay 40ms 10ms loss gemodel 1% 20%', or "
+        "the file of a recorded link.",
         autocompletion=_profiles,
     ),
 ]

@@ -154,4 +154,4 @@ def check_int(word: str, value: int, low: int, high: int) -> None:
 def check_distribution(word: str, value: str | DelayTable) -> None:
     """Raise ProfileError unless `value` is a table or the name of a distribution."""
     if isinstance(value, str) and value not in DISTRIBUTIONS:
-        raise ProfileError(word, value, f"{', '.join(DISTRIBUTIONS)}, or a file", DISTRIBUTIONS)
+        raise ProfileError(word, value, f"{', '.join(DISTRIBUTIONS)}, or a file that exists", DISTRIBUTIONS)

@@ -71,6 +71,7 @@ class Link(Generic[T]):
     gate : the gate of slots; ready : due messages. later : messages that reach the line later than they were offered,
     if there may be any (`beside`): (when, number, item, sent, size, delay). acts : whether there are further
     impairments. has_traces : whether traces change the draws' results. limit, limit_bytes, gap : those of the profile.
+    bytes_in_flight : of the messages in `queue` and `later`, if the profile limits them.
     """
 
     def __init__(
@@ -186,10 +187,8 @@ class Link(Generic[T]):
     def is_full(self, now_ns: int, size: int) -> bool:
         """Whether a message of `size` bytes is beyond the limit of what is in flight, after all due messages left."""
         self._settle(now_ns)
-        if self.limit_bytes:
-            size += sum(entry[4] for entry in self.queue) + sum(entry[4] for entry in self.later)
-            if size > self.limit_bytes:
-                return True
+        if self.limit_bytes and self.bytes_in_flight + size > self.limit_bytes:
+            return True
         return len(self.queue) + len(self.later) >= self.limit
 
     def poll(self, now_ns: int) -> list[tuple[int, T]]:
@@ -251,6 +250,7 @@ class Link(Generic[T]):
         self.has_traces = profile.trace is not None or profile.csv is not None
         self.beside = lined and profile.resend is not None and not profile.resend.ordered
         self.transparent = profile.limit > 0 and profile == LinkProfile(limit=profile.limit, seed=profile.seed)
+        self.bytes_in_flight = sum(entry[4] for entry in self.queue) + sum(entry[4] for entry in self.later)
         self._needs_size = bool(lined or profile.limit_bytes or (profile.slot and profile.slot.bytes))
 
     def _start_traces(self, previous: LinkProfile | None, start_ns: int | None, free_ns: int) -> None:
@@ -269,6 +269,7 @@ class Link(Generic[T]):
     def _settle(self, now_ns: int) -> None:
         """Move the messages due by now from the queue to `_ready`."""
         gate, queue, ready = self.gate, self.queue, self.ready
+        before = len(ready)
         while self.later and self.later[0][0] <= now_ns:
             offered_ns, order, item, sent_ns, size, delay = heappop(self.later)
             if gate is not None:
@@ -281,9 +282,11 @@ class Link(Generic[T]):
                 gate.look(queue, offered_ns)
         if gate is not None:
             gate.run(queue, ready, now_ns)
-            return
-        while queue and queue[0][0] <= now_ns:
-            ready.append(heappop(queue))
+        else:
+            while queue and queue[0][0] <= now_ns:
+                ready.append(heappop(queue))
+        if self.limit_bytes:
+            self.bytes_in_flight -= sum(entry[4] for entry in ready[before:])
 
 
 def _size_of(item: object, given: int | None) -> int:

@@ -145,6 +145,7 @@ def cross(link: Link[Any], ready_ns: int, size: int) -> int:
 def put(link: Link[Any], due_ns: int, order: int, item: Any, now_ns: int, size: int) -> None:
     """Put a message in flight until `due_ns`."""
     heappush(link.queue, (due_ns, order, item, now_ns, size))
+    link.bytes_in_flight += size
     if link.gate is not None:
         link.gate.look(link.queue, now_ns)
 
@@ -161,3 +162,4 @@ def put_ahead(link: Link[Any], now_ns: int, order: int, item: Any) -> None:
 def put_beside(link: Link[Any], offered_ns: int, order: int, item: Any, now_ns: int, size: int, delay_ns: int) -> None:
     """Store a message that reaches the line later than it was offered."""
     heappush(link.later, (offered_ns, order, item, now_ns, size, delay_ns))
+    link.bytes_in_flight += size

@@ -66,7 +66,7 @@ class LinkProfile:
             effects.check_fraction(name.replace("_", " "), getattr(self, name))
         effects.check_distribution("distribution", self.distribution)
         if self.distribution != "uniform" and self.jitter_ns == 0:
-            allowed = "only after a delay with jitter, 'delay 40ms 10ms'"
+            allowed = "only after a delay with jitter, 'delay 40ms 10ms' (measured delays also without a delay)"
             raise ProfileError("distribution", str(self.distribution), allowed)
         if self.reorder and self.delay_ns == 0 and self.csv is None:
             raise ProfileError("reorder", units.format_fraction(self.reorder), "only with a delay, 'delay 40ms'")
@@ -209,7 +209,7 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
     seen: set[str] = set()
     others: list[Impairment] = []
     while not words.at_end():
-        word = _ALIASES.get(given := words.take("profile"), given)
+        word = tc.full_word(given := words.take("profile"))
         if word not in _GRAMMAR and word not in IMPAIRMENTS and recorded.is_file(given):
             word = recorded.kind_of(given)[0]
             words.put_back()
@@ -217,7 +217,7 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
             raise ProfileError(given, given, _REFUSED[word])
         if word not in _GRAMMAR and word not in IMPAIRMENTS:
             names = (*_GRAMMAR, *IMPAIRMENTS, *(() if seen else PRESETS))
-            raise ProfileError("profile", given, f"one of {', '.join(names)}, or a recorded link's file", names)
+            raise ProfileError("profile", given, f"one of {', '.join(names)}, or a file that exists", names)
         if word in seen:
             raise ProfileError(word, given, "each word once")
         seen.add(word)
@@ -260,7 +260,8 @@ def _distribution(words: Words) -> dict[str, object]:
 def _shape(word: str, words: Words) -> str | DelayTable:
     """The name of a distribution, or a file's."""
     text = words.take(word)
-    return DelayTable.load(text) if text not in effects.DISTRIBUTIONS and recorded.is_file(text) else text
+    file = None if text in effects.DISTRIBUTIONS else recorded.table(text)
+    return text if file is None else DelayTable.load(file)
 
 
 def _loss(words: Words) -> dict[str, object]:
@@ -318,7 +319,8 @@ def _slot(words: Words) -> dict[str, object]:
     times = words.numbers("slot", lambda word, text: units.parse_time(word, text, "ns"), 2 if distribution else 1, 2)
     limits: dict[str, int] = {}
     while name := words.take_if("packets", "bytes"):
-        limits[name] = units.parse_int(f"slot {name}", words.take(f"slot {name}"), 0, 2**31 - 1)
+        read = units.parse_size if name == "bytes" else units.parse_int
+        limits[name] = read(f"slot {name}", words.take(f"slot {name}"), 0, 2**31 - 1)
     return {"slot": Slot(times[0], times[-1], distribution, **limits)}
 
 
@@ -335,7 +337,10 @@ def _csv(words: Words) -> dict[str, object]:
 def _limit(words: Words) -> dict[str, object]:
     fields: dict[str, object] = {}
     if not words.take_if("bytes"):
-        fields["limit"] = units.parse_int("limit", words.take("limit"), 1)
+        text = words.take("limit")
+        if not text.lstrip("+-").isdigit():
+            raise ProfileError("limit", text, "a whole number of messages from 1, or 'limit bytes 64kb'")
+        fields["limit"] = units.parse_int("limit", text, 1)
         if not words.take_if("bytes"):
             return fields
     return fields | {"limit_bytes": units.parse_size("limit bytes", words.take("limit bytes"))}
@@ -378,7 +383,6 @@ _OPTIONS: Mapping[str, _Reader] = {
 WORDS = frozenset(_GRAMMAR)
 """The words of a profile, but for those of `netem.impairments`."""
 
-_ALIASES = {"latency": "delay", "drop": "loss"}
 _REFUSED = {
     "ecn": "the same text without ecn: messages have no ECN field to mark, so they are lost",
 }

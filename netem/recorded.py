@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterable
 
@@ -20,6 +21,14 @@ _KINDS = (
 def is_file(text: str) -> bool:
     """Whether a word of a profile is the name of a file that is there."""
     return os.path.isfile(text)
+
+
+def table(name: str) -> str | None:
+    """The file of a distribution: `name` itself, or the ``.dist`` that tc on this machine has under this name."""
+    if is_file(name) or "/" in name:
+        return name if is_file(name) else None
+    places = ["/usr/lib/tc", "/usr/lib64/tc", "/usr/share/tc", *glob.glob("/usr/lib/*-linux-gnu/tc")]
+    return next((file for place in places if is_file(file := f"{place}/{name}.dist")), None)
 
 
 @read_once

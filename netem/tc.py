@@ -36,6 +36,19 @@ def options(text: str) -> str:
     return " ".join(after)
 
 
+def full_word(word: str) -> str:
+    """The word of an option: tc reads the beginning of a word too, in this order, and has two names for some."""
+    word = next((name for name in _OPTIONS if word and name.startswith(word)), word)
+    return _SAME.get(word, word)
+
+
+_OPTIONS = (
+    "limit", "latency", "delay", "loss", "drop", "seed", "ecn", "reorder", "corrupt", "gap", "duplicate",
+    "distribution", "rate", "slot",
+)  # fmt: skip
+_SAME = {"latency": "delay", "drop": "loss"}
+
+
 def is_of_tc(text: str) -> bool:
     """Whether a text is a command of tc, or printed by it, and not just a qdisc's options."""
     words = text.split(maxsplit=2)

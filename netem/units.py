@@ -94,12 +94,12 @@ def parse_int(word: str, text: str, low: int, high: int = 2**63 - 1) -> int:
     return int(text)
 
 
-def parse_size(word: str, text: str) -> int:
-    """A size above 0 in whole bytes, with tc's suffixes: ``b`` or none, ``k``, ``m``, ``g`` and ``kb`` ... by 1024."""
-    allowed = "a size in bytes above 0, such as 15000, 64kb or 1mb (1024 kb)"
+def parse_size(word: str, text: str, low: int = 1, high: int = 2**53) -> int:
+    """A size in whole bytes, in [low, high], with tc's suffixes: ``b`` or none; ``k``, ``kb``, ``m`` ... by 1024."""
+    allowed = f"a size in bytes from {low} to {high}, such as 15000, 64kb or 1mb (1024 kb)"
     number, unit = _split(word, text, allowed)
     scale = {"": 0, "k": 1, "m": 2, "g": 3}.get(unit.removesuffix("b"))
-    if scale is None or not 1 <= (size := number * 1024**scale) <= 2**53:
+    if scale is None or not low <= (size := number * 1024**scale) <= high:
         raise ProfileError(word, text, allowed)
     return int(size)
 

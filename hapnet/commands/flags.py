@@ -181,7 +181,7 @@ Link = Annotated[
     _link(
         "--link",
         metavar="NAME|TEXT",
-        help="A profile (4g, wifi, ...) or tc-netem's syntax.",
+        help="A profile (4g, wifi, ...), tc-netem's syntax, or the file of a recorded link.",
         autocompletion=complete.profiles,
     ),
 ]

@@ -175,6 +175,34 @@ def test_a_limit_in_bytes(words: str, most: int) -> None:
     assert (link.stats.dropped_limit, len(link.poll(20 * MS))) == (2000 - 2 * most, 2 * most)
 
 
+@given(st.data())
+def test_a_limit_in_bytes_counts_what_is_in_flight(data: st.DataObject) -> None:
+    """Whatever holds messages: jitter, slots, a rate, unordered resends, reordering, and a change between them."""
+    profiles = [
+        f"delay 3ms 2ms {words} limit bytes {data.draw(st.integers(1, 3000))}"
+        for words in (
+            "",
+            "slot 1ms 2ms packets 2",
+            "rate 1mbit loss 40% resend 2 2ms unordered",
+            "reorder 30%",
+            "rate 1mbit",
+        )
+    ]
+    profiles.append("delay 2ms")
+    link: Link[int] = Link(LinkProfile.parse(data.draw(st.sampled_from(profiles))), 1)
+    now_ns = 0
+    for number in range(data.draw(st.integers(1, 60))):
+        now_ns += data.draw(st.integers(0, MS))
+        if data.draw(st.integers(0, 9)) == 0:
+            link.change(LinkProfile.parse(data.draw(st.sampled_from(profiles))), now_ns)
+        if data.draw(st.booleans()):
+            link.poll(now_ns)
+        link.send(now_ns, number, data.draw(st.integers(0, 1500)))
+        if link.limit_bytes:
+            held = sum(entry[4] for entry in link.queue) + sum(entry[4] for entry in link.later)
+            assert link.bytes_in_flight == held
+
+
 def test_a_message_larger_than_the_limit_is_dropped_and_smaller_ones_pass() -> None:
     link: Link[int] = Link(LinkProfile.parse("delay 10ms limit bytes 1000"))
     for number, size in enumerate((900, 200, 100, 1001)):
@@ -248,7 +276,7 @@ def test_a_malformed_line_is_named(
         ("csv {} every 5ms", "time_s,delay_ms\n0,20\n", "only for a file with one delay per line"),
         ("{}", "", "a file of one kind"),
         ("distribution {}x", "1\n", "or a file"),
-        ("limit bytes 0", "", "above 0"),
+        ("limit bytes 0", "", "from 1 to"),
         ("limit bytes 5 kb", "", "'kb'"),
     ],
 )

@@ -4,10 +4,13 @@ The texts are those of tools/testing/selftests/tc-testing/tc-tests/qdiscs/netem.
 the labels of what is printed are those of iproute2's tc/q_netem.c.
 """
 
+from pathlib import Path
+
 import pytest
 
-from netem import LinkProfile, NetemError, survey, tc
+from netem import LinkProfile, NetemError, models, survey, tc
 from netem.cli import main
+from netem.delay_table import DelayTable
 
 # the options that a selftest gives, and those that tc prints after the limit
 SELFTESTS = {
@@ -69,9 +72,33 @@ def test_every_option_that_tc_prints() -> None:
     )
 
 
+def test_the_beginnings_of_words_and_sizes_as_tc_reads_them() -> None:
+    """In the order in which q_netem.c compares: d is delay, s is seed."""
+    assert LinkProfile.parse("lat 9ms 1ms dist normal dup 1% l 7 drop 2% c 3% reo 5% ga 2") == LinkProfile.parse(
+        "delay 9ms 1ms distribution normal duplicate 1% limit 7 loss 2% corrupt 3% reorder 5% gap 2"
+    )
+    assert LinkProfile.parse("d 9ms s 5 sl 1ms bytes 9k r 5%") == LinkProfile.parse(
+        "delay 9ms seed 5 slot 1ms bytes 9216 reorder 5%"
+    )
+
+
+def test_tcs_own_tables() -> None:
+    """The tables that netem computes are those of iproute2; `experimental` is read from where it is installed."""
+    places = [place for place in Path("/usr/lib").glob("**/tc") if (place / "normal.dist").exists()]
+    if not places:
+        pytest.skip("iproute2 is not installed")
+    for name in ("normal", "pareto", "paretonormal"):
+        file = DelayTable.load(str(places[0] / f"{name}.dist"))
+        assert [round(8192 * value) for value in file.values] == sorted(models.table(name).tolist())
+    profile = LinkProfile.parse("delay 9ms 1ms distribution experimental")
+    assert str(profile) == f"delay 9ms 1ms distribution {places[0] / 'experimental.dist'}"
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
+        ("limit 64kb", "limit bytes 64kb"),
+        ("limit -1", "from 1"),
         ("loss 1% ecn", "no ECN field to mark"),
         ("qdisc netem 1: root refcnt 2 limit 9 loss 1% ecn  gap 1", "ecn"),
         ("qdisc noqueue 0: dev lo root refcnt 2", "that of netem"),
