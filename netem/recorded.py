@@ -67,7 +67,7 @@ def _are_opportunities(rows: Iterable[list[str]]) -> bool:
     last = 0
     for texts in rows:
         if columns.is_number(texts[0]):
-            if not (texts[0].isascii() and texts[0].isdigit()) or int(texts[0]) < last:
+            if not (texts[0].isascii() and texts[0].isdigit()) or len(texts[0]) > 12 or int(texts[0]) < last:
                 return False
             last = int(texts[0])
     return last > 0

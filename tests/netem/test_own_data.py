@@ -255,6 +255,7 @@ def test_the_name_of_a_file_alone(
         ("trace {}", "r.txt", "0 1.5\n0.5\n", 2, "0.5"),
         ("trace {}", "r.txt", "0 1.5\n1 2 3\n", 2, "1 2 3"),
         ("trace {}", "m.txt", "0\n5\n4\n", 3, "4"),
+        ("{}", "x.txt", "1\n" + 5000 * "9" + "\n", 2, 40 * "9"),
         ("{}", "x.txt", "hello world\n", 1, "hello world"),
         ("{}", "x.txt", "\n\n1 2 3\n", 3, "1 2 3"),
     ],
