@@ -169,6 +169,7 @@ def test_a_run_with_more_on_a_link_than_the_kernel_has_room_for_goes_to_the_refe
         ({"link.up": "delay 5ms slot 10ms"}, "slots in the uplink"),
         ({"link.down_timeline": "at 1s: down"}, "a timeline of the downlink"),
         ({"link.up": "rate 1mbit loss 1% resend 2 1ms unordered"}, "unordered resends before a rate in the uplink"),
+        ({"link.up": "delay 5ms limit bytes 5000"}, "a limit in bytes in the uplink"),
         ({"wire.deadband": 0.1}, "a deadband"),
         ({"wire.admission_burst_J": 5.0}, "wire.admission_burst_J above 4"),
     ],

@@ -52,13 +52,14 @@ def cut(relay: BackgroundRelay, how: Cut, by_timeline: bool) -> None:
 
 @pytest.mark.parametrize("by_timeline", [False, True])
 def test_a_reset_reaches_both_programs_at_once(by_timeline: bool) -> None:
-    with connected("delay 200ms") as (relay, near, far):
+    with connected("delay 5ms") as (relay, near, far):
+        relay.change("delay 9s", "delay 9s")
         started = time.monotonic()
         cut(relay, "reset", by_timeline)
         for program in (near, far):
             with pytest.raises(ConnectionResetError):
                 program.recv(64)
-        assert time.monotonic() - started < 0.19  # not after the link's delay
+        assert time.monotonic() - started < 4.0  # not after the link's delay
         assert clients(relay) == 0
 
 

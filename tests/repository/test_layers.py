@@ -23,11 +23,11 @@ CLOCKS_AND_OTHERS = {
 }  # fmt: skip
 """Clocks, generators of their own, and whatever waits for, or speaks with, threads, processes and networks."""
 
-PURE_NETEM = {  # all that a link in virtual time consists of
-    f"netem/{name}.py"
-    for name in ("draws", "effects", "expectation", "line", "link", "loss_chain", "models", "offering", "presets",
-                 "profile", "resend", "slots", "stats", "timeline", "trace", "units")
-}  # fmt: skip
+PURE_NETEM = {f"netem/{name}.py" for name in (  # all that a link in virtual time consists of
+    "columns", "delay_table", "draws", "effects", "expectation", "line", "link", "loss_chain", "models", "offering",
+    "presets", "profile", "rate_trace", "recorded", "resend", "retransmission", "slots", "stats", "tc", "timeline",
+    "trace", "units", "words",
+)}  # fmt: skip
 MAX_LENGTH = 420
 MOST_ATTRIBUTES = 20
 SHORT, MOST_SHORT = 60, 40
@@ -88,6 +88,7 @@ READS_FILES = {
     "hapnet/ext/engines/mujoco_model.py": "a scene is a model's file",
     "hapnet/ext/engines/mujoco_sizes.py": "looks at that file, and at those that it includes, before MuJoCo does",
     "netem/trace.py": "a recorded link is a file",
+    "netem/recorded.py": "finds out whether a word of a profile is a file, and of which kind",
     "netem/units.py": "opens the files that a profile names",
     "hapnet/ext/solids/mesh_file.py": "a scene's mesh is a file",
     "hapnet/ext/solids/effects_words.py": "a recorded grain is a file",
