@@ -7,10 +7,12 @@ A sample's time is its message's log time, in nanoseconds of UTC: a `Sample` has
 clock, and the settings have UTC at its origin. A simulation counts from 1970. The other fields are doubles, NaN
 where a value is unknown; a vector has one field per axis: ``position_m`` is ``position_x_m``, ``position_y_m``, ...,
 and ``position_x_rad`` where an axis is in radians.
-The settings are an MCAP metadata record at the start of the file (``hapnet``), the final summary is another at the end
-(``hapnet.summary``); each is a JSON text under the key ``json``. For viewers only, each side's position is written as a
-``foxglove.FrameTransform`` and its set-position as a ``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second, as
-are moving bodies and links; all shapes are a ``foxglove.SceneUpdate``, once.
+The settings are an MCAP metadata record at the start of the file (``hapnet``), and again behind the first chunk; the
+final summary is another at the end (``hapnet.summary``). Each is a JSON text under the key ``json``, with its checksum
+under ``crc32``. Schemas and channels are repeated in later chunks, so that no chunk is needed to read the others. For
+viewers only, each side's position is written as a ``foxglove.FrameTransform`` and its set-position as a
+``foxglove.PoseInFrame`` (foxglove.py), some 60 times a second, as are moving bodies and links; all shapes are a
+``foxglove.SceneUpdate``, once.
 
 Protobuf is used because Foxglove, PlotJuggler and Rerun all decode it; Rerun keeps JSON as a text. Each axis has its
 own field because they plot numbers, not lists. Older recordings can be read: JSON, or log times on the process's clock.
@@ -22,6 +24,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from errno import ENOENT
 from importlib import import_module
 from pathlib import Path
@@ -35,10 +38,11 @@ from hapnet.loading import cause, extension
 from hapnet.recording import schemas
 from hapnet.recording.drawing import Drawing, SceneSample, unpack
 from hapnet.recording.foxglove import PERIOD_NS, Shapes, Shown, bodies, shapes, shown
-from hapnet.recording.mcap_reader import Records
+from hapnet.recording.mcap_reader import CHECKSUM, Records, checksum
 from hapnet.recording.samples import (
     DeviceSample,
     Event,
+    Lost,
     PostureSample,
     Recording,
     Sample,
@@ -51,7 +55,7 @@ from hapnet.recording.whole_file import complete_or_absent
 from hapnet.units import text_in
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
+    from mcap.records import Attachment, Channel, McapRecord, Message, Schema
 
     from hapnet.recording.mcap_writer import McapWriter
 
@@ -69,6 +73,7 @@ _TOPICS: dict[type[Sample], str] = {
     DeviceSample: "/device/state", WorldSample: "/world/state", Event: "/events", SceneSample: "/world/scene",
     PostureSample: "/device/posture",
 }  # fmt: skip
+_KINDS = {topic: kind for kind, topic in _TOPICS.items()}
 
 
 class RecordingWriter:
@@ -90,8 +95,10 @@ class RecordingWriter:
         self._utc_ns = utc_less_clock_ns(meta)
         self._shown_ns: dict[type[Sample], int] = {}
         self._flushed_ns: int | None = None
+        self._repeat_at, self._settings_again = 1, False
         self._encode = json.JSONEncoder(allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode
         text = self._encode(plain(meta))
+        self._settings = {_KEY: text, CHECKSUM: checksum(text)}
         try:
             self._file = self._path.open("w+b")
         except OSError as error:
@@ -99,7 +106,7 @@ class RecordingWriter:
         self._writer = _mcap_writer(self._file)
         try:
             self._writer.start()
-            self._writer.add_metadata(_META, {_KEY: text})
+            self._writer.add_metadata(_META, self._settings)
             self._writer.flush()
         except OSError as error:
             self._give_up(error)
@@ -146,8 +153,10 @@ class RecordingWriter:
             return
         try:
             self._writer.flush()
+            self._repeat()
             if summary is not None:
-                self._writer.add_metadata(_SUMMARY, {_KEY: self._encode(plain(summary))})
+                text = self._encode(plain(summary))
+                self._writer.add_metadata(_SUMMARY, {_KEY: text, CHECKSUM: checksum(text)})
             self._writer.finish()
             self._require_name()
             self._file.close()
@@ -163,7 +172,21 @@ class RecordingWriter:
         data = encode(sample)
         if len(data) > _MESSAGE_ROOM or topic == _TOPICS[Event]:
             self._writer.flush()  # a long message starts a chunk, so that no chunk passes its limit
+        if self._writer.chunks >= self._repeat_at:
+            self._repeat()
         self._writer.add_message(channel, utc_ns, data, utc_ns)
+
+    def _repeat(self) -> None:
+        """Write the settings a second time, and the channels in chunk 2, 4, 8, ... after a new one, so that no chunk is
+        needed to read the others.
+        """
+        if (chunks := self._writer.chunks) == 0:
+            return
+        if not self._settings_again:
+            self._settings_again = True
+            self._writer.add_metadata(_META, self._settings)
+        self._writer.repeat_channels()
+        self._repeat_at = 2 * chunks
 
     def _show(self, utc_ns: int, sample: DeviceSample | WorldSample) -> None:
         """Write this side's pose for viewers, if it is due."""
@@ -191,6 +214,7 @@ class RecordingWriter:
         schema_id: int = self._writer.register_schema(schema.name, "protobuf", schema.descriptor)
         channel: int = self._writer.register_channel(topic, "protobuf", schema_id)
         self._channels[topic] = (channel, schema.encode)
+        self._repeat_at = min(self._repeat_at, self._writer.chunks + 1)
         return channel, schema.encode
 
     def _require_name(self) -> None:
@@ -212,44 +236,92 @@ class RecordingWriter:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording, complete or torn; a torn recording is read up to its last whole chunk.
+    """Read a recording, complete or torn; without its damaged chunks, which `Recording.lost` lists.
 
     Raises RecordingError: the file cannot be read, or is not a recording. InvalidParameter: `path` is not a path.
     """
     require("record", "reading a recording")
     from google.protobuf.message import DecodeError
-    from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
     if not isinstance(path, str | os.PathLike):
         raise InvalidParameter("path", path, "a recording's file, such as run.mcap")
-    kinds = {topic: kind for kind, topic in _TOPICS.items()}
-    found = dict[int, Schema]()
-    decoders: dict[int, Callable[[int, bytes], Sample]] = {}
-    samples: list[Sample] = []
-    texts: dict[str, str] = {}
-    utc_ns = 0
-    records = Records(Path(path))
+    found, records = _Found(), Records(Path(path))
     try:
         for record in records:
-            if isinstance(record, Message) and record.channel_id in decoders:
-                samples.append(decoders[record.channel_id](_time(record.log_time - utc_ns), record.data))
-            elif isinstance(record, Schema):
-                found[record.id] = record
-            elif isinstance(record, Channel) and record.topic in kinds:
-                decoders[record.id] = _decoder(kinds[record.topic], record, found.get(record.schema_id))
-            elif isinstance(record, Metadata) and _KEY in record.metadata:
-                texts[record.name] = record.metadata[_KEY]
-                if record.name == _META:  # it comes before all samples
-                    utc_ns = _time(utc_less_clock_ns(_settings(texts[_META])))
-            elif isinstance(record, Attachment) and record.name == _DRAWING:
-                unpack(record.data)
-                samples.append(Drawing(_time(record.log_time - utc_ns), record.data))
-        if _META not in texts:
-            raise RecordingError(f"{path} is not a recording: it is an MCAP file without the metadata record {_META!r}")
-        summary = _summary(texts[_SUMMARY], path) if _SUMMARY in texts else None
-        return from_samples(_settings(texts[_META]), samples, summary, records.torn)
+            found.take(record)
+        if _META not in found.texts:
+            why = "its settings are damaged" if records.lost else f"it has no metadata record {_META!r}"
+            raise RecordingError(f"{path} is not a recording: it is an MCAP file, but {why}")
+        summary = _summary(found.texts[_SUMMARY], path) if _SUMMARY in found.texts else None
+        recording = from_samples(found.settings, found.all_samples(), summary, records.torn)
+        lost = [[None if at is None else at - found.utc_ns for at in span] for span in records.lost]
+        return replace(recording, lost=tuple(Lost(begin_ns, end_ns) for begin_ns, end_ns in lost))
     except (ArithmeticError, AttributeError, BadMessage, DecodeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{path} is not a recording: its content does not fit ({cause(error)})") from error
+
+
+class _Found:
+    """The content of a recording, collected from its records.
+
+    Attributes
+    ----------
+    texts : settings and summary as JSON, by name. settings : their table; empty before they are found. utc_ns : what to
+    subtract from log times.
+    """
+
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}
+        self.settings: dict[str, Any] = {}
+        self.utc_ns: int = 0
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._decoders: dict[int, Callable[[int, bytes], Sample] | None] = {}
+        self._samples: list[Sample] = []
+        self._early: list[Message | Attachment] = []
+
+    def take(self, record: McapRecord) -> None:
+        """Take the next record. The first of several that are repeated counts. Raises as `_decoder`, if it misfits."""
+        from mcap.records import Attachment, Channel, Message, Metadata, Schema
+
+        if isinstance(record, Message):
+            if record.channel_id not in self._decoders or not self.texts:
+                self._early.append(record)  # its channel, or the settings, were damaged: they come later again
+            elif (decode := self._decoders[record.channel_id]) is not None:
+                self._samples.append(decode(_time(record.log_time - self.utc_ns), record.data))
+        elif isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+            for channel in self._channels.values():
+                self._know(channel)
+        elif isinstance(record, Channel):
+            self._know(self._channels.setdefault(record.id, record))
+        elif isinstance(record, Metadata) and _KEY in record.metadata and record.name not in self.texts:
+            self.texts[record.name] = record.metadata[_KEY]
+            if record.name == _META:
+                self.settings = _settings(self.texts[_META])
+                self.utc_ns = _time(utc_less_clock_ns(self.settings))
+        elif isinstance(record, Attachment) and record.name == _DRAWING:
+            unpack(record.data)
+            self._early.append(record)
+
+    def _know(self, channel: Channel) -> None:
+        """Make the decoder of a channel, once its schema is known."""
+        if channel.id not in self._decoders and (channel.schema_id in self._schemas or channel.schema_id == 0):
+            kind = _KINDS.get(channel.topic)
+            schema = self._schemas.get(channel.schema_id)
+            self._decoders[channel.id] = None if kind is None else _decoder(kind, channel, schema)
+
+    def all_samples(self) -> list[Sample]:
+        """The samples of each kind in their order."""
+        from mcap.records import Attachment
+
+        early: list[Sample] = []
+        for record in self._early:
+            time_ns = _time(record.log_time - self.utc_ns)
+            if isinstance(record, Attachment):
+                early.append(Drawing(time_ns, record.data))
+            elif (decode := self._decoders.get(record.channel_id)) is not None:
+                early.append(decode(time_ns, record.data))
+        return early + self._samples
 
 
 def _settings(text: str) -> dict[str, Any]:
@@ -294,19 +366,21 @@ def repair(path: str | os.PathLike[str]) -> Path:
 
     source = Path(path)
     target = source.with_name(source.name.removesuffix(".mcap") + ".repaired.mcap")
-    known, channels = {0: 0}, dict[int, int]()
-    records = Records(source)
+    known, channels, written = {0: 0}, dict[int, int](), list[Metadata]()
     with complete_or_absent(target) as part, part.open("w+b") as file:
         writer = _mcap_writer(file)
         writer.start()
-        for r in records:
+        definitions = [r for r in Records(source) if isinstance(r, Schema | Channel)]  # the first ones may be damaged
+        for r in sorted(definitions, key=lambda r: isinstance(r, Channel)):
+            if isinstance(r, Schema) and r.id not in known:
+                known[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+            elif isinstance(r, Channel) and r.id not in channels and r.schema_id in known:
+                channels[r.id] = writer.register_channel(r.topic, r.message_encoding, known[r.schema_id], r.metadata)
+        for r in Records(source):
             if isinstance(r, Message) and r.channel_id in channels:
                 writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)
-            elif isinstance(r, Schema) and r.id not in known:
-                known[r.id] = writer.register_schema(r.name, r.encoding, r.data)
-            elif isinstance(r, Channel) and r.id not in channels:
-                channels[r.id] = writer.register_channel(r.topic, r.message_encoding, known[r.schema_id], r.metadata)
-            elif isinstance(r, Metadata):
+            elif isinstance(r, Metadata) and r not in written:
+                written.append(r)
                 writer.flush()  # metadata is outside chunks: first write the chunk that came before it
                 writer.add_metadata(r.name, r.metadata)
             elif isinstance(r, Attachment):

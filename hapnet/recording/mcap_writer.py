@@ -82,6 +82,16 @@ class McapWriter:
         self._end_full_chunk()
         return number
 
+    @property
+    def chunks(self) -> int:
+        """The number of written chunks."""
+        return int(self._count.chunk_count)
+
+    def repeat_channels(self) -> None:
+        """Write all schemas and channels once more, into the present chunk: a reader may have lost the first ones."""
+        for record in (*self._schemas, *self._channels):
+            record.write(self._chunk)
+
     def add_message(self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
         """Append a message to the chunk; times in ns."""
         count = self._count

@@ -178,6 +178,13 @@ VECTORS = frozenset(
 """The fields that have one element per axis."""
 
 
+class Lost(NamedTuple):
+    """A damaged part of a recording: the times of the last sample before it and of the first after it [ns], if any."""
+
+    begin_ns: int | None
+    end_ns: int | None
+
+
 @dataclass(frozen=True)
 class Recording:
     """A whole run, or one side of it, as columns.
@@ -186,7 +193,8 @@ class Recording:
     ``meta["origin_ns"]``, vectors (N, n), all else (N,); NaN where a value is unknown. A side that was not recorded is
     None; a device of which only the motion was recorded (`MetricSample`) has no other columns.
     `torn` : the file ended before its writer closed it. `scene`, `drawing` : the world's picture, if it was
-    recorded. `posture` : of an arm, if it does not follow from the positions.
+    recorded. `posture` : of an arm, if it does not follow from the positions. `lost` : the damaged parts of the file,
+    whose samples are missing.
     """
 
     meta: dict[str, Any]
@@ -198,6 +206,7 @@ class Recording:
     scene: tuple[SceneSample, ...] = ()
     drawing: Drawing | None = None
     posture: tuple[PostureSample, ...] = ()
+    lost: tuple[Lost, ...] = ()
 
     def __repr__(self) -> str:
         counts = [
@@ -205,7 +214,8 @@ class Recording:
             for side, columns in (("device", self.device), ("world", self.world))
             if columns is not None
         ]
-        return f"Recording({', '.join([*counts, f'{len(self.events)} events', *['torn'] * self.torn])})"
+        state = ["torn"] * self.torn + ["damaged"] * bool(self.lost)
+        return f"Recording({', '.join([*counts, f'{len(self.events)} events', *state])})"
 
     def to_pandas(self, side: str = "device") -> DataFrame:
         """The samples of the device or the world as a table of pandas; see `hapnet.recording.frames.to_pandas`."""
@@ -295,7 +305,13 @@ def join(a: Recording, b: Recording) -> Recording:
         tuple(moved(b.scene)),
         next(moved([] if b.drawing is None else [b.drawing]), None),
         a.posture,
+        a.lost + tuple(Lost(*_moved(meta, span)) for span in b.lost),
     )
+
+
+def _moved(meta: Mapping[str, Any], times: Lost) -> Iterator[int | None]:
+    for at in times:
+        yield None if at is None else int(on_device_clock(meta, np.array([at], dtype=np.int64))[0])
 
 
 def on_device_clock(meta: Mapping[str, Any], world_ns: NDArray[np.int64]) -> NDArray[np.int64]:

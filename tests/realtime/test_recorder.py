@@ -90,7 +90,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_runs(tmp_path:
 def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None:
     reported: list[str] = []
     recorder = Recorder(tmp_path / "x.mcap", reported.append)
-    with no_room(8000):
+    with no_room(16000):
         for index in range(5000):
             recorder.keep(sample(index))
             recorder.drain(index * FLUSH_NS, meta)
@@ -100,7 +100,7 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(tmp_path: Path) -> None
     assert reported == [f"cannot write recording {path}: File too large; the run goes on without a recording"]
     assert recorder.missing == reported[0]
     assert not recorder._samples  # it keeps nothing that it will never write
-    assert path.stat().st_size == 8000
+    assert path.stat().st_size == 16000
     torn = read_recording(path)
     assert torn.torn
     assert torn.world["time_ns"].tolist() == [index * 10_000_000 for index in range(len(torn.world["time_ns"]))]
