@@ -27,7 +27,7 @@ def judge(files: list[str], rounding_J: float = 1e-9) -> str:
         return "not known: recordings of both sides are needed"
     one_clock = len({one.meta.get("clock", file) for one, file in zip(recordings, files, strict=True)}) == 1
     bound, halves, against = 0.0, 0.0, list[str]()
-    doubts = ["a recording is incomplete" for one in recordings if one.torn]
+    doubts = ["a recording is incomplete" for one in recordings if one.torn or one.lost]
     doubts += ["a side was restarted" for one in recordings if [each.kind for each in one.events].count("paired") > 1]
     for name, other in (("device", "world"), ("world", "device")):
         of, far = sides[name], sides[other]

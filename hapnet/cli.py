@@ -136,8 +136,8 @@ app = typer.Typer(
     name="hapnet",
     help="Passive haptics over bad networks. Begin with `hapnet run`, or with `hapnet play` and the mouse.",
     epilog="Exit codes: 0 all is well; 2 an argument or file is wrong, or the run failed: one line names the error; 3 "
-    "the run went to its end, but its output is incomplete, or the device's force was stopped; 4 a coupling that "
-    "claims to be passive was not; 5 another sender used a side's name, so passivity is unknown; "
+    "the run went to its end, but its output or a recording it read is incomplete, or the device's force was stopped; "
+    "4 a coupling that claims to be passive was not; 5 another sender used a side's name, so passivity is unknown; "
     "128 + N stopped by signal N (Ctrl-C: 130).",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

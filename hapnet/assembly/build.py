@@ -15,7 +15,7 @@ from hapnet.assembly.choices import choosing, refuse
 from hapnet.assembly.follower import Follower, follower_of
 from hapnet.assembly.leading import clutch_of, let_lead
 from hapnet.assembly.links import link_profile, link_timeline
-from hapnet.assembly.operators import operator
+from hapnet.assembly.operators import missing_of_the_hand, operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.resolve import held_warnings, misfits, resolve
 from hapnet.assembly.simulated_device import description, simulated_device
@@ -72,6 +72,8 @@ class Setup:
     up_timeline: Timeline | None = None
     down_timeline: Timeline | None = None
     warnings: tuple[str, ...] = field(default=())
+    missing: tuple[str, ...] = field(default=())
+    """One line if a part of the recording that the hand follows is missing."""
     hand: Operator | None = None
     """The simulated hand, instead of the one that the parameters name."""
     ends: Ends = field(default_factory=Ends)
@@ -133,7 +135,9 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
                 f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"
             )
         timelines = (link_timeline("up", params), link_timeline("down", params))
-        return Setup(params, scene, used.servo, used.harvest, spec, tuning, up, down, *timelines, tuple(warnings))
+        lacking = missing_of_the_hand(params, scene)
+        both = (tuple(warnings), lacking)
+        return Setup(params, scene, used.servo, used.harvest, spec, tuning, up, down, *timelines, *both)
 
 
 def device_session(setup: Setup, incarnation: int, name: str = "device", secret: Secret | None = None) -> Session:

@@ -16,12 +16,12 @@ from hapnet.assembly.units import LEVER_M
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import extension, failure, load
-from hapnet.params import RELAXED_HAND, Params
+from hapnet.params import RELAXED_HAND, Params, is_simulated
 from hapnet.plant.generated_hand import GeneratedHand, Tremor
 from hapnet.plant.live_hand import LiveHand
 from hapnet.plant.natural_hands import Strokes, Writing
 from hapnet.plant.operating_range import in_millimetres
-from hapnet.plant.operator import HeldAtEnd, Impedance, Operator, Press, Rest, Sine
+from hapnet.plant.operator import Followed, HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion
@@ -47,6 +47,18 @@ def operator(params: Params, scene: World) -> Operator:
     hand = _intending(params, scene)
     amplitude = params.operator_model.tremor_m
     return Tremor(hand, amplitude) if amplitude and not isinstance(hand, LiveHand) else hand
+
+
+def missing_of_the_hand(params: Params, scene: World) -> tuple[str, ...]:
+    """One line if the hand follows a recording of which a part is missing."""
+    if not is_simulated(params.hardware) or not is_recording(params.operator):
+        return ()
+    try:
+        hand = _moving(params, scene)
+    except HapnetError:
+        return ()  # making the hand raises it
+    line = hand.missing if isinstance(hand, Followed) else None
+    return () if line is None else (f"the operator {line}",)
 
 
 def _intending(params: Params, scene: World) -> Operator:

@@ -50,7 +50,8 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
     if not workers:
         workers = usable_cores() if len(seeds) * params.duration_s > LONG_S else 1
     words = output.console(json_to)
-    output.show_warnings(words, prepare(params, "continuous").warnings)
+    setup = prepare(params, "continuous")
+    output.show_warnings(words, setup.warnings)
     with Progress(output.progress_console(words), "simulating", len(seeds), "seeds") as bar:
         runs = simulate_batch(params, seeds, workers=workers, progress=lambda share: bar.update(share * len(seeds)))
     words.print(_table(runs, words.width))
@@ -65,6 +66,7 @@ def main(params: Params, seeds: range, json_to: str | None, workers: int) -> int
         output.show_kernel(words, why_not)
     output.write_json([as_dict(run) for run in runs], json_to)
     written = output.Written()
+    written.missing += setup.missing
     for run in runs:
         written.judge(run.summary, run.params, virtual=True)
     del written.broken[1:]

@@ -32,20 +32,16 @@ def export(
     """
     from hapnet.recording import alignment
     from hapnet.recording.export import ROSBAG, export as exported, formats
+    from hapnet.recording.missing import all_missing
     from hapnet.recording.opened import fitting, opened
 
     if table != ROSBAG:
         formats(table, ROSBAG)
-    words = output.console(json_to)
+    words, written = output.console(json_to), output.Written()
     with Progress(output.progress_console(words), "reading"):
         found = opened(files)
     whole = found.whole
-    for file, recording in zip(found.files, found.parts, strict=True):
-        if recording.torn:
-            words.print(
-                f"{file} is incomplete (the process that wrote it was killed): its tables end where it ends",
-                markup=False,
-            )
+    written.missing += all_missing(found.files, found.parts)
     if len(found.files) == 2:
         words.print(f"clocks: {alignment.words(whole.meta)}")
     directory = found.files[0].parent if out is None else output.run_directory(out, None)
@@ -66,4 +62,4 @@ def export(
         },
         json_to,
     )  # fmt: skip
-    return 0
+    return written.code()

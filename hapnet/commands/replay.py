@@ -93,6 +93,7 @@ def _replay(
     compared = summary["replay"] = compare(original, result.recording, summary)
     recording = changed(result.recording, summary=summary)
     written, pictures = output.Written(), extension("pictures")
+    written.missing += original.incomplete
     with written.part():
         save(recording, target)
     with written.part():

@@ -77,6 +77,7 @@ def run(
             raise HapnetError(f"{by}cannot write to {name}: {error.strerror or error}") from None
         output.show_warnings(words, setup.warnings)
         written = output.Written()
+        written.missing += setup.missing
         caught: list[signal.Signals] = []
         with log, Progress(output.progress_console(words), "starting") as progress:
             running = False

@@ -158,6 +158,7 @@ def _main(
             elif record is not None:
                 output.show_files(words, [record.name], record.parent)
         if not started_by:  # hapnet run judges both sides together
+            written.missing += setup.missing if role == "device" else ()
             known_devices.learn(params, summary)
             written.judge(summary, params, virtual=False)
             if side.control.origin_ns is not None or not caught:  # a side that was stopped before it began is complete

@@ -47,6 +47,7 @@ def simulate(
     output.show_warnings(words, simulation.setup.warnings)
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
+    written.missing += simulation.setup.missing
     with Progress(output.progress_console(words), "simulating", chosen.duration_s) as progress:
         result = simulation.run(progress.update)
         if directory is not None:

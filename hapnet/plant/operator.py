@@ -207,11 +207,13 @@ class Followed:
     The slope at a point is that of the parabola through it and its neighbours. So on an even grid of step h the error
     for a smooth motion is at most ``h^3/24 max|d^3x/dt^3|`` plus the fourth-order term of Hermite's formula.
 
-    times : (N,) seconds since the start, increasing. path : (N, n) positions at these times [m].
+    times : (N,) seconds since the start, increasing. path : (N, n) positions at these times [m]. missing : what is
+    missing of the motion, as a line; None: nothing.
     """
 
-    def __init__(self, times: Array, path: Array, impedance: Impedance) -> None:
+    def __init__(self, times: Array, path: Array, impedance: Impedance, missing: str | None = None) -> None:
         self.impedance = impedance
+        self.missing = missing
         slope = np.gradient(path, times, axis=0)
         h = np.diff(times)[:, None]
         mean = np.diff(path, axis=0) / h

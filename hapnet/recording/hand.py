@@ -15,6 +15,7 @@ from hapnet.file_content import MCAP, begins_with, read_bytes
 from hapnet.params import Params, is_simulated
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Followed, Impedance
+from hapnet.recording.missing import missing
 from hapnet.recording.samples import Recording
 from netem.files import read_once
 
@@ -54,7 +55,7 @@ def recorded_hand(name: str, dof: int, impedance: Impedance, reach: float = math
     if len(times) < 2 or not np.all(np.diff(times) > 0.0):
         raise InvalidParameter("operator", name, "a recording with at least two samples, one after the other")
     check_motion(name, path, reach)
-    return Followed(times, path, impedance)
+    return Followed(times, path, impedance, missing(name, recording))
 
 
 def knows_hand(recording: Recording) -> bool:

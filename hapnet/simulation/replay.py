@@ -21,6 +21,7 @@ from hapnet.params import Params, arm_file, is_arm, is_simulated
 from hapnet.recording.hand import begins_late, fingerprint, hand_times, knows_hand, left_out, replay_ns
 from hapnet.recording.link_events import KIND, played
 from hapnet.recording.mcap import read_recording
+from hapnet.recording.missing import all_missing
 from hapnet.recording.opened import fitting
 from hapnet.recording.samples import Columns, Recording, join, on_device_clock
 from hapnet.summary.from_samples import motion
@@ -42,7 +43,8 @@ class Original:
     params, seed : of the replay. hand : a description of the replay's hand.
     recording : of both sides, as far as there are files. summary : of the original.
     in_virtual_time : True if the original was simulated, so that the replay is exact.
-    notes : one line for each difference between the replay and the original.
+    notes : one line for each difference between the replay and the original. incomplete : one line for each file of
+    which a part is missing.
     """
 
     files: tuple[Path, ...]
@@ -53,6 +55,7 @@ class Original:
     hand: str
     in_virtual_time: bool
     notes: tuple[str, ...]
+    incomplete: tuple[str, ...] = ()
 
 
 def read_original(files: Sequence[Path]) -> Original:
@@ -122,7 +125,8 @@ def _original(files: Sequence[Path]) -> Original:
         key_figures(summary)
     except (KeyError, TypeError, AttributeError):
         raise RecordingError("this recording cannot be replayed: its summary does not fit") from None
-    return Original(tuple(files), recording, summary, params, seed, hand, simulated, tuple(notes))
+    lacking = tuple(all_missing(files, parts))
+    return Original(tuple(files), recording, summary, params, seed, hand, simulated, tuple(notes), lacking)
 
 
 def compare(original: Original, replay: Recording, summary: Summary) -> dict[str, Any]:
@@ -176,8 +180,6 @@ def _sources(device: Recording, world: Recording) -> dict[str, object] | None:
 
 
 def _notes(device: Recording, world: Recording, simulated: bool, unknown: list[str]) -> Iterator[str]:
-    if device.torn or world.torn:
-        yield "the recording is incomplete (the process that wrote it was killed): the replay ends where it ends"
     if not simulated:
         yield (
             "recorded in real time: the replay has the same hand, links and seed, but its servo and steps are exactly "

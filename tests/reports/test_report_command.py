@@ -87,7 +87,7 @@ def test_reports_whatever_was_recorded(
 ) -> None:
     file = write(tmp_path / "r.mcap", CASES[case](), None if torn else SUMMARY)
     before = file.read_bytes()
-    assert cli.main(["report", str(file), "--json", "-"]) == 0
+    assert cli.main(["report", str(file), "--json", "-"]) == (3 if torn else 0)
     out, err = capsys.readouterr()
     summary = json.loads(out)
     found = stands_alone((tmp_path / "r.html").read_text("utf-8"))
@@ -110,7 +110,7 @@ def test_two_sides_one_torn(tmp_path: Path) -> None:
                                   "credited_nJ": 0, "in_flight_nJ": 0, "abandoned_nJ": 0},
         "links": {"up": None, "down": None}, "seed": 3, "duration_s": 1.0, "coupling": "pspm", "wall_clock": {},
     })  # fmt: skip
-    assert cli.main(["report", str(world), str(device), "--out", str(tmp_path / "o")]) == 0
+    assert cli.main(["report", str(world), str(device), "--out", str(tmp_path / "o")]) == 3
     found = stands_alone((tmp_path / "o" / "w-d.html").read_text("utf-8"))
     assert "d.mcap is incomplete" in found.sections[""]
     assert "w.mcap is incomplete" not in found.sections[""]

@@ -383,6 +383,12 @@ def test_what_a_hand_led_live_did_is_made_again_by_another_or_replayed(capsys: p
 
 
 def test_a_torn_file_is_told_of_at_the_top() -> None:
-    found = page_of(run(seconds=1), ReportSource(Path("d/device.mcap"), "device", torn=True, repaired=Path("d/r.mcap")))
-    assert "device.mcap is incomplete: the process that wrote it was killed" in found.sections[""]
+    found = page_of(
+        run(seconds=1),
+        ReportSource(Path("d/device.mcap"), "device", "device.mcap is incomplete: it ends at 1 s", Path("d/r.mcap")),
+    )
+    assert (
+        "device.mcap is incomplete: it ends at 1 s. The report covers the samples that can be read"
+        in found.sections[""]
+    )
     assert "d/r.mcap" in found.sections["Files"]

@@ -104,7 +104,7 @@ def test_a_torn_recording_is_replayed_as_far_as_it_goes(tmp_path: Path, lost: in
     writer.close()
     original = read_original([tmp_path / "torn.mcap"])
     assert original.recording.torn
-    assert "incomplete" in original.notes[0]
+    assert "is incomplete" in original.incomplete[0]
     result = simulate(original.params, original.seed)
     assert compare(original, result.recording, result.summary)["identical"] is True
     n = len(original.recording.device["time_ns"])

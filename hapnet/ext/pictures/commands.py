@@ -60,11 +60,11 @@ def report(
         found = report_on(files)
     sources = []
     for source in found.sources:
-        if source.torn:
+        if source.missing is not None:
             with written.part():
                 source = replace(source, repaired=repair(source.path))
-            copy = f": repaired and indexed copy in {source.repaired}" if source.repaired else ""
-            words.print(f"{source.path} is incomplete (the process that wrote it was killed){copy}", markup=False)
+            copy = f"; repaired and indexed copy: {source.repaired}" if source.repaired else ""
+            written.missing.append(f"{source.missing}{copy}")
         sources.append(source)
     found = replace(found, sources=tuple(sources))
     first = found.sources[0].path

@@ -71,12 +71,13 @@ _NO_EVENTS = "A run in virtual time records no events; the summary counts its si
 class ReportSource:
     """A file from which a report is made.
 
-    repaired : its repaired copy, if it was torn. written : when the file was last written, in UTC.
+    missing : what is missing in it, as a line; None: nothing. repaired : its repaired copy, if one was made.
+    written : when the file was last written, in UTC.
     """
 
     path: Path
     role: str
-    torn: bool = False
+    missing: str | None = None
     repaired: Path | None = None
     written: str = ""
 
@@ -157,7 +158,7 @@ def _head(summary: Summary, title: str, sources: Sequence[ReportSource]) -> Html
         element("h1", title),
         element("p", line[0].upper() + line[1:], class_=f"verdict {found}"),
         element("details", element("summary", "What this verdict means"), element("p", meaning)),
-        *(element("p", _torn(source), class_="note") for source in sources if source.torn),
+        *(element("p", _missing(source), class_="note") for source in sources if source.missing),
     )
 
 
@@ -190,9 +191,8 @@ def _values(summary: Summary) -> list[tuple[str, str]]:
     return [(name, f"{shown} {unit}".rstrip()) for name, value, shown, unit in found if value is not None]
 
 
-def _torn(source: ReportSource) -> str:
-    words = f"{source.path.name} is incomplete: the process that wrote it was killed. "
-    words += "The report covers the samples that can be read"
+def _missing(source: ReportSource) -> str:
+    words = f"{source.missing}. The report covers the samples that can be read"
     return f"{words}; a repaired copy is {source.repaired.name}." if source.repaired else f"{words}."
 
 
@@ -289,7 +289,7 @@ def _files(sources: Sequence[ReportSource]) -> Html:
         (
             str(source.path),
             source.role,
-            f"torn, repaired copy: {source.repaired or 'none'}" if source.torn else "whole",
+            f"damaged or torn, repaired copy: {source.repaired or 'none'}" if source.missing else "whole",
             source.written or "-",
         )
         for source in sources

@@ -15,6 +15,7 @@ from hapnet.ext.pictures.pictures import PngPicture, pictures
 from hapnet.ext.pictures.run import figure, html
 from hapnet.ext.pictures.style import png, save as save
 from hapnet.loading import only_imported, permitting
+from hapnet.recording.missing import missing
 from hapnet.recording.opened import Recorded, opened
 from hapnet.recording.samples import Recording
 from hapnet.summary.from_samples import motion
@@ -105,8 +106,8 @@ def source_of(file: Path, recording: Recording) -> ReportSource:
     """Return a report's entry about the file of a recording."""
     sides = [side for side in ("device", "world") if getattr(recording, side) is not None]
     role = "both" if len(sides) == 2 else sides[0] if sides else "no samples"
-    written = datetime.fromtimestamp(file.stat().st_mtime, UTC)
-    return ReportSource(Path(legible(str(file))), role, recording.torn, None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
+    written, name = datetime.fromtimestamp(file.stat().st_mtime, UTC), legible(str(file))
+    return ReportSource(Path(name), role, missing(name, recording), None, f"{written:%Y-%m-%d %H:%M:%S} UTC")
 
 
 def _legible(recording: Recording) -> Recording:

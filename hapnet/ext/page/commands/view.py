@@ -76,6 +76,7 @@ def play_back(files: list[Path], options: PageOptions) -> int:
     from hapnet.ext.page.history import History
     from hapnet.ext.page.playback import Playback
     from hapnet.ext.page.server import serve
+    from hapnet.recording.missing import all_missing
     from hapnet.recording.opened import fitting, opened
     from hapnet.summary.recorded import of_recordings
 
@@ -85,6 +86,8 @@ def play_back(files: list[Path], options: PageOptions) -> int:
         whole = found.whole
     if whole.device is None and whole.world is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with samples")
+    for line in all_missing(found.files, found.parts):
+        output.complain(line)
     history = History(follows=False)
     with fitting(files[0]):
         history.judge_by(of_recordings(found.files, found.parts))
