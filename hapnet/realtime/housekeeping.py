@@ -157,8 +157,19 @@ class Housekeeping:
         if not transport.peers and (why := self._diagnosis.answer(now_ns)):
             status += f" ({why})"
         elif transport.peers and not others and now_ns - self._started_ns > UNANSWERED_NS:
-            status += " (--session or --name differs, or access control does not let this side in)"
+            status += f" ({self._why_alone()})"
         self._reporter.notifier.waiting(now_ns, status, transport.partners)
+
+    def _why_alone(self) -> str:
+        """The possible causes if nodes are connected, and none is the other side."""
+        other = "device" if self._role == "world" else "world"
+        match self._transport.through_router:
+            case "peer":
+                return "that node is a router, through which only clients meet: start both sides with -m client"
+            case "client":
+                names = f"a {other} with -m client and the same --session and --name"
+                return f"{names} is not connected to that router, or its access control does not let this side in"
+        return f"the {other} is not started yet, its --session or --name differs, or access control keeps this side out"
 
     def _is_final(self, event: Event) -> bool:
         """Whether this event ends a device: the world does not fit, or has another device and never accepts this

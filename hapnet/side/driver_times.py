@@ -9,6 +9,7 @@ compared with the stalls between them. There is no clock: times are arguments.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from statistics import median
 
@@ -99,12 +100,19 @@ class DriverTimes:
 class RepeatedReadings:
     """Counts how many readings are new: a device that is read more often than it measures repeats the last reading.
 
-    A reading counts as repeated if it equals the previous reading although its velocity is not zero.
+    Two kinds of device are found: one that repeats its velocity too, which is then not zero; and one whose velocity is
+    the difference of its positions, so that its position rests for some readings and then jumps. Steps of an encoder
+    are no jumps: only a change counts that is larger than the smallest change so far by `JUMP`.
     """
+
+    JUMP, JUMPS = 4.0, 30
 
     def __init__(self) -> None:
         self._moving = self._repeated = 0
-        self._before: object = None
+        self._before: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._smallest = math.inf
+        self._rests = self._jumps = self._readings = 0
+        self._still = True
 
     def see(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> None:
         """Take the next reading."""
@@ -112,13 +120,24 @@ class RepeatedReadings:
         if any(velocity):
             self._moving += 1
             self._repeated += reading == self._before
+        self._rests += 1
+        if self._before is not None and (step := math.dist(position, self._before[0])):
+            self._smallest = min(self._smallest, step)
+            if step > self.JUMP * self._smallest and self._still:
+                self._jumps += 1
+                self._readings += self._rests
+            self._rests, self._still = 0, True
+        elif any(velocity):
+            self._still = False
         self._before = reading
 
     def new_hz(self, asked_hz: float) -> float | None:
         """New readings in a second, of `asked_hz` in all; None: most are new, or the device hardly moved."""
-        if self._moving < WINDOW or 2 * self._repeated < self._moving:
-            return None
-        return asked_hz * (self._moving - self._repeated) / self._moving
+        if self._moving >= WINDOW and 2 * self._repeated >= self._moving:
+            return asked_hz * (self._moving - self._repeated) / self._moving
+        if self._jumps >= self.JUMPS and self._readings >= 2 * self._jumps:
+            return asked_hz * self._jumps / self._readings
+        return None
 
 
 def _time(ns: float) -> str:

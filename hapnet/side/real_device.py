@@ -295,9 +295,10 @@ class RealDeviceSide(SampledDeviceSide):
     def _keep_still(self, now_ns: int, error: DeviceSilent) -> None:
         """Handle a missed reading or command. Once the watchdog acts, command zero force, if the device takes commands.
 
-        Raises HapnetError: the device has given no reading for long since its start.
+        Raises HapnetError: the device has given no reading for long since its start, or since it began to render force.
         """
-        if (event := self._silence.miss(now_ns, error)) is not None:
+        starts = self._begun and self.origin_ns is None
+        if (event := self._silence.miss(now_ns, error, starts=starts)) is not None:
             self._actuators.doubt()
             self._write(event)
         if self._silence.lasts:

@@ -36,10 +36,12 @@ class DeviceSilence:
         self.heard_ns: int | None = None
         self._first_try_ns: int | None = None
 
-    def miss(self, now_ns: int, error: DeviceSilent) -> Event | None:
+    def miss(self, now_ns: int, error: DeviceSilent, *, starts: bool = False) -> Event | None:
         """Count a missed reading or command; returns the event if a silence begins with it.
 
-        Raises HapnetError: the device has given no reading since its start, `FIRST_READING_S` ago.
+        starts : a peer has come, and control has not begun.
+
+        Raises HapnetError: the device has given no reading for `FIRST_READING_S` since its start, or while it `starts`.
         """
         self.missed += 1
         if self.heard_ns is None:
@@ -47,6 +49,9 @@ class DeviceSilence:
             if now_ns - self._first_try_ns > FIRST_READING_S / NANO:
                 text = f"the device {self._name} failed: no reading within {FIRST_READING_S:g} s: {error}"
                 raise HapnetError(text)
+        elif starts and now_ns - self.heard_ns > FIRST_READING_S / NANO:
+            text = f"no reading for {FIRST_READING_S:g} s, and the force had not begun: {error}"
+            raise HapnetError(f"the device {self._name} failed: {text}")
         elif now_ns - self.heard_ns <= self._patience_ns:
             return None  # the reserve covers the force that is held meanwhile
         if self.lasts:

@@ -91,8 +91,8 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "speed": Cause(None, 0, "the {side} moved at {speed} m/s, and declares at most {limit} m/s"),
     "repeats": Cause(
-        None, 0, "the {side} makes {reads} readings a second and repeats them, so that its speed is not known: they "
-        "jump at {speed} m/s, and it declares at most {limit} m/s",
+        None, 0, "the {side}'s speed is not known: its readings are new every {every} ms only, and jump at {speed} "
+        "m/s, more than the {limit} m/s that it declares; let it declare rate_hz = {reads}",
     ),
     "blur": Cause(
         None, 0, "the {whose}encoders are coarse: the account may be off by {energy} mJ, over the margin of {margin} mJ"

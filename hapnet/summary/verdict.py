@@ -355,7 +355,7 @@ def _doubts_of_servo(side: Role, device: SidePart, summary: Summary) -> Iterator
         values = {"side": _WHO[side], "speed": f"{speed:.3g}", "limit": f"{limit:.3g}"}
         reads_hz = None if device["driver"] is None else device["driver"]["reads_hz"]
         if reads_hz:
-            yield found("repeats", reads=f"{reads_hz:.0f}", **values)
+            yield found("repeats", reads=f"{reads_hz:.0f}", every=f"{1e3 / reads_hz:.2g}", **values)
         else:
             yield found("speed", **values)
     true, blur = device["true_slack_J"], device["quantisation_J"]

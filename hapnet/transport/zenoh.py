@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 import atexit
 import contextlib
+import json
 import threading
 import time
 from collections.abc import Callable
@@ -196,6 +197,14 @@ class ZenohTransport:
             return 0
         # not info.transports(), which panics with transport/unicast/lowlatency
         return len(session.info.peers_zid()) + len(session.info.routers_zid()) + len(self._clients)
+
+    @property
+    def through_router(self) -> str:
+        """This node's mode if it is connected to routers only; empty if not. Peers do not meet through a router."""
+        session, mode = self._session, json.loads(self._config.get_json("mode"))
+        if session is None or session.is_closed() or mode not in ("peer", "client"):
+            return ""
+        return mode if session.info.routers_zid() and not session.info.peers_zid() else ""
 
     @property
     def silent(self) -> list[str]:

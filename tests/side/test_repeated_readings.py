@@ -23,6 +23,29 @@ def test_the_new_readings_are_counted(each: int) -> None:
     assert seen(each) == pytest.approx(1000.0 / each, rel=0.02)
 
 
+def jumping(measures_each: int, *, hz: float = 3.0, resolution_m: float = 0.0, ticks: int = 3000) -> float | None:
+    """Of a device whose velocity is the difference of its last two positions, at 1,000 readings a second."""
+    repeats, before = RepeatedReadings(), 0.0
+    for tick in range(ticks):
+        x = 0.02 * math.sin(2.0 * math.pi * hz * 1e-3 * (tick - tick % measures_each))
+        x = round(x / resolution_m) * resolution_m if resolution_m else x
+        repeats.see((x,), (1e3 * (x - before),))
+        before = x
+    return repeats.new_hz(1000.0)
+
+
+@pytest.mark.parametrize("each", [2, 8, 30])
+def test_positions_that_rest_and_jump_are_repeated_though_the_velocity_between_is_zero(each: int) -> None:
+    assert jumping(each) == pytest.approx(1000.0 / each, rel=0.05)
+
+
+@pytest.mark.parametrize("resolution_m", [1e-5, 1e-4])
+def test_the_steps_of_an_encoder_are_no_jumps(resolution_m: float) -> None:
+    """At 0.05 Hz and 0.1 mm it changes every 16 readings, by one step."""
+    for hz in (0.05, 0.5, 3.0):
+        assert jumping(1, hz=hz, resolution_m=resolution_m) is None
+
+
 def test_nothing_is_said_of_a_device_that_measures_each_time_or_rests_or_hardly_moved() -> None:
     assert seen(1) is None
     assert seen(4, rest=True) is None

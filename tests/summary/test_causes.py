@@ -93,8 +93,8 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "repeats": (
         {**{f"device.{name}": value for name, value in FAST.items()}, "device.driver": {"reads_hz": 250.0}},
-        "the device makes 250 readings a second and repeats them, so that its speed is not known: they jump at "
-        "1.2 m/s, and it declares at most 1 m/s",
+        "the device's speed is not known: its readings are new every 4 ms only, and jump at 1.2 m/s, more than the "
+        "1 m/s that it declares; let it declare rate_hz = 250",
     ),
     "blur": (
         {"device.quantisation_J": 0.11},
