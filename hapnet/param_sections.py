@@ -131,6 +131,7 @@ class OperatorParams(Section):
     wait_s: float = _p(0.5, "pause between presses [s]", _NOT_NEGATIVE)
     press_depth_m: float = _p(0.008, "target depth of a recorded pen at full pressure [m]", _NOT_NEGATIVE)
     hover_m: float = _p(0.006, "height of a recorded pen when it is lifted [m]", _NOT_NEGATIVE)
+    columns: str = _p("", "columns of a CSV file, if they have other names, such as time_ms=stamp x_mm=px")
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def _moving(params: Params, scene: World) -> Operator:
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():
         depths = {"press_depth": hand.press_depth_m, "hover": hand.hover_m}
-        return read_motion(name, dof, impedance, **depths, reach=reach)
+        return read_motion(name, dof, impedance, **depths, reach=reach, columns=hand.columns)
     return UserOperator(name, dof, impedance, reach)
 
 

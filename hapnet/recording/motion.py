@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
-from hapnet.file_content import read_text
 from hapnet.params import OperatorParams
 from hapnet.plant.operating_range import check_motion
 from hapnet.plant.operator import Impedance, Recorded
+from hapnet.recording.motion_file import read_columns
 from netem.files import read_once
 
 _HAND = OperatorParams()
 _GRID_S = 1e-3
-_LARGEST = 16 << 20  # of a file [bytes]
-_LONGEST_S, _SPARSE_S, _ROW_S = 3600.0, 60.0, 1.0  # longest motion: in all; with few rows; per row, if that is more
 _GAP_S = 0.05  # a longer gap in a recording at 133 Hz means that the tablet lost the pen
 _JUMP_MPS = 0.5  # faster than a hand writes: the tablet lost the pen and found it elsewhere
 _JUMP_S = 0.06  # samples this near to a jump are dropped, so that the motion across is slow enough for a hand
@@ -37,8 +32,10 @@ def read_motion(
     press_depth: float = _HAND.press_depth_m,
     hover: float = _HAND.hover_m,
     reach: float = math.inf,
+    columns: str = "",
 ) -> Recorded:
-    """Read a recorded hand from CSV: columns `time_s`, `x_m` and optionally `y_m`, `z_m`.
+    """Read a recorded hand from CSV: columns `time_s`, `x_m` and optionally `y_m`, `z_m`, or `time_ms`, `x_mm` and so
+    on; `columns` names those that are called otherwise (see `read_columns`).
 
     A pen tablet's recording has `pressure` (0 to 1), and optionally `pen_down`, instead of `z_m`. Pressure becomes
     depth below the surface z = 0 (`press_depth` [m] at full pressure); a lifted pen hovers at `hover` [m]. Where
@@ -48,8 +45,7 @@ def read_motion(
 
     Raises InvalidParameter: the file cannot be read, is not such a recording, or is not in metres.
     """
-    file = Path(name)
-    table = _read_columns(file)
+    table = read_columns(name, columns)
     check_motion(name, np.column_stack([table[name] for name in ("x_m", "y_m", "z_m") if name in table]), reach)
     table = _without_jumps(table)
     t = table["time_s"]
@@ -68,31 +64,8 @@ def read_motion(
     if dof == 1 and path.shape[1] > 1:
         path = path[:, -1:]
     if path.shape[1] < dof:
-        raise InvalidParameter("operator", str(file), f"a recording with {dof} axes for a {dof}-axis device")
+        raise InvalidParameter("operator", name, f"a recording with {dof} axes for a {dof}-axis device")
     return Recorded(path[:, :dof], _GRID_S, impedance)
-
-
-def _read_columns(file: Path) -> dict[str, Array]:
-    wanted = "a CSV file with the columns time_s, x_m[, y_m[, z_m | pen_down, pressure]]"
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(file, _LARGEST), newline="")))
-        table = {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise InvalidParameter("operator", str(file), f"{wanted} ({why})") from None
-    except (TypeError, ValueError):
-        raise InvalidParameter("operator", str(file), f"{wanted}, numbers only") from None
-    if "time_s" not in table or "x_m" not in table:
-        raise InvalidParameter("operator", str(file), wanted)
-    if any(not np.all(np.isfinite(column)) for column in table.values()) or len(table["time_s"]) < 2:
-        raise InvalidParameter("operator", str(file), f"{wanted}, with finite numbers and at least two rows")
-    if np.any(np.diff(table["time_s"]) <= 0.0):
-        raise InvalidParameter("operator", str(file), f"{wanted}, with increasing time_s")
-    most_s = min(_LONGEST_S, max(_SPARSE_S, _ROW_S * len(table["time_s"])))
-    if (lasts_s := float(np.ptp(table["time_s"]))) > most_s:
-        allowed = f"{most_s:g} s at most: {_LONGEST_S:g} s, and {_ROW_S:g} s a row above {_SPARSE_S:g} s"
-        raise InvalidParameter("operator", f"{file}, {lasts_s:g} s", allowed)
-    return table
 
 
 def _resample(t: Array, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -62,6 +62,7 @@ NAMES = {"scene", "hardware", "coupling", "follower.robot", "operator"}
 TEXTS: dict[str, list[object]] = {
     "link.up": ["delay 40ms 10ms loss 2%", "", "delay 1ms"], "link.down": ["delay 40ms 10ms loss 2%", "", "delay 1ms"],
     "link.up_timeline": ["", "at 5s: down"], "link.down_timeline": ["", "at 5s: down"], "units": ["auto"],
+    "operator_model.columns": ["", "time_ms=stamp x_mm=px"],
     "world.wall.timeline": ["", "at 2s: gone"], "device.dead_man": ["auto", "none"], "device.clutch": ["", "2-3"],
     "device.enable": ["auto", "0-2, 3-6.5"],
 }  # fmt: skip
