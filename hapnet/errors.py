@@ -30,6 +30,11 @@ class InvalidParameter(HapnetError, ValueError):
         says = f"{name} {value}: {why}" if why else f"{name} is {_short(value)}; allowed: {allowed}"
         super().__init__(unknown(name, value, self.known) or says)
 
+    def renamed(self, name: str, value: object = None) -> InvalidParameter:
+        """The same error under another name for the parameter; `value` : in place of the given one."""
+        value = self.value if value is None else value
+        return InvalidParameter(name, value, self.allowed, self.known, self.why)
+
     def __reduce__(self) -> tuple[type[InvalidParameter], tuple[str, object, str, tuple[str, ...], str]]:
         return type(self), (self.name, self.value, self.allowed, self.known, self.why)
 

@@ -32,11 +32,13 @@ class ProfileError(NetemError):
     value : the value given.
     allowed : a text that describes the allowed values.
     known : the allowed names, if the value is a name: the message has the most similar of them.
+    why : the reason, in place of what is allowed.
     """
 
-    def __init__(self, word: str, value: object, allowed: str, known: Iterable[str] = ()) -> None:
-        self.word, self.value, self.allowed, self.known = word, value, allowed, tuple(known)
-        super().__init__(unknown(word, value, self.known) or f"{word}: {value!r} is not allowed; allowed: {allowed}")
+    def __init__(self, word: str, value: object, allowed: str, known: Iterable[str] = (), why: str = "") -> None:
+        self.word, self.value, self.allowed, self.known, self.why = word, value, allowed, tuple(known), why
+        says = f"{word}: {why}" if why else f"{word}: {value!r} is not allowed; allowed: {allowed}"
+        super().__init__(unknown(word, value, self.known) or says)
 
-    def __reduce__(self) -> tuple[type[ProfileError], tuple[str, object, str, tuple[str, ...]]]:
-        return type(self), (self.word, self.value, self.allowed, self.known)
+    def __reduce__(self) -> tuple[type[ProfileError], tuple[str, object, str, tuple[str, ...], str]]:
+        return type(self), (self.word, self.value, self.allowed, self.known, self.why)

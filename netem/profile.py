@@ -66,17 +66,17 @@ class LinkProfile:
             effects.check_fraction(name.replace("_", " "), getattr(self, name))
         effects.check_distribution("distribution", self.distribution)
         if self.distribution != "uniform" and self.jitter_ns == 0:
-            allowed = "only after a delay with jitter, 'delay 40ms 10ms' (measured delays also without a delay)"
-            raise ProfileError("distribution", str(self.distribution), allowed)
+            why = f"{self.distribution} needs a delay with jitter before it, such as 'delay 40ms 10ms'"
+            raise ProfileError("distribution", str(self.distribution), "", why=why)
         if self.reorder and self.delay_ns == 0 and self.csv is None:
-            raise ProfileError("reorder", units.format_fraction(self.reorder), "only with a delay, 'delay 40ms'")
+            raise ProfileError("reorder", self.reorder, "", why="it needs a delay to overtake, such as 'delay 40ms'")
         effects.check_int("gap", self.gap, 1, 2**32 - 1)
         effects.check_int("rate", self.rate_bit_s, 0, units.MAX_RATE_BIT_S)
         effects.check_int("rate overhead", self.overhead, -(2**31), 2**31 - 1)
         effects.check_int("rate cellsize", self.cell_size, 0, 2**32 - 1)
         effects.check_int("rate celloverhead", self.cell_overhead, -self.cell_size, 2**31 - 1)
         if self.trace is not None and (self.rate_bit_s or self.overhead or self.cell_size):
-            raise ProfileError("trace", self.trace.path, "either a trace or a rate")
+            raise ProfileError("trace", self.trace.path, "", why="a trace sets the rate; leave rate out")
         effects.check_int("limit", self.limit, 1, 2**63 - 1)
         effects.check_int("limit bytes", self.limit_bytes, 0, 2**63 - 1)
         if self.seed is not None:
@@ -179,7 +179,7 @@ def compose(
     Raises ProfileError: a value is malformed, or two options set the same thing.
     """
     if text is not None and preset is not None:
-        raise ProfileError("profile name", preset, "either the profile's name or its words, not both")
+        raise ProfileError("profile name", preset, "", why=f"give the name {preset} or words, not both")
     if text is not None:
         profile = LinkProfile.parse(text)
     else:
@@ -192,7 +192,7 @@ def compose(
         if value is None:
             continue
         if name in named and not (name == "jitter" and profile.jitter_ns == 0):
-            raise ProfileError(name, value, f"either this option or {name} in the words, not both")
+            raise ProfileError(name, value, "", why="the words set it too; leave one of the two out")
         cursor = Words(value)
         fields |= _OPTIONS[name](cursor)
         if not cursor.at_end():
@@ -214,12 +214,12 @@ def _read(text: str) -> tuple[dict[str, Any], set[str]]:
             word = recorded.kind_of(given)[0]
             words.put_back()
         if word in _REFUSED:
-            raise ProfileError(given, given, _REFUSED[word])
+            raise ProfileError(given, given, "", why=_REFUSED[word])
         if word not in _GRAMMAR and word not in IMPAIRMENTS:
             names = (*_GRAMMAR, *IMPAIRMENTS, *(() if seen else PRESETS))
             raise ProfileError("profile", given, f"one of {', '.join(names)}, or a file that exists", names)
         if word in seen:
-            raise ProfileError(word, given, "each word once")
+            raise ProfileError(word, given, "", why="it is given twice; leave one out")
         seen.add(word)
         if word in IMPAIRMENTS:
             others.append(IMPAIRMENTS[word].read(words))
@@ -384,5 +384,5 @@ WORDS = frozenset(_GRAMMAR)
 """The words of a profile, but for those of `netem.impairments`."""
 
 _REFUSED = {
-    "ecn": "the same text without ecn: messages have no ECN field to mark, so they are lost",
+    "ecn": "messages have no ECN field to mark; leave it out, and they are lost instead",
 }

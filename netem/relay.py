@@ -106,7 +106,7 @@ class UdpRelay:
         self._target_family, self._target = resolve("to", to)
         family, address = resolve("listen", listen)
         if address == self._target:
-            raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
+            raise NetemError(f"to: {to!r} is the address that is listened on; give another")
         self._clients: dict[SocketAddress, _Client] = {}
         self._clients_seen = self._dropped = self._closed_drops = 0
         self._buffer = bytearray(_MAX_DATAGRAM)

@@ -88,7 +88,7 @@ class TcpRelay:
                 raise ProfileError("corrupt", profile.corrupt, "'loss', as TCP drops what is corrupted")
         self._target, self._listen = resolve("to", to)[1][:2], resolve("listen", listen)[1][:2]
         if self._listen == self._target:
-            raise NetemError(f"to: {to!r} is not allowed; allowed: another address than the one listened on")
+            raise NetemError(f"to: {to!r} is the address that is listened on; give another")
         up_seed, down_seed = SeedSequence(seed).spawn(2)
         self.up: AsyncLink[_Arrival] = AsyncLink(Link(up, up_seed), _arrive, cut=self.cut)
         self.down: AsyncLink[_Arrival] = AsyncLink(Link(down, down_seed), _arrive, cut=self.cut)

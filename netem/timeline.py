@@ -198,4 +198,4 @@ def _action(word: str, what: str, connections: bool) -> Action:
     try:
         return LinkProfile.named(what)
     except ProfileError as error:
-        raise ProfileError(f"{word}: {error.word}", error.value, error.allowed, error.known) from error
+        raise ProfileError(f"{word}: {error.word}", error.value, error.allowed, error.known, error.why) from error

@@ -114,7 +114,7 @@ class ZenohRelay:
         mode: Mode = "peer",
     ) -> None:
         if listen == connect:
-            raise NetemError(f"connect: {connect!r} is not allowed; allowed: another endpoint than the one listened on")
+            raise NetemError(f"connect: {connect!r} is the endpoint that is listened on; give another")
         try:
             self._key = zenoh.KeyExpr(key)
         except zenoh.ZError as error:

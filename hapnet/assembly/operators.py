@@ -34,6 +34,8 @@ LIVE = "mouse"
 """The operator that the user leads during the run; in real time only."""
 
 
+_NOT_ANGLES = "and the axes of this scene are angles; choose another operator"
+
 _BLEND_S = 1.0
 """Time in which a recorded hand, or a user's own, comes to rest at the end [s]."""
 
@@ -89,7 +91,7 @@ def _moving(params: Params, scene: World) -> Operator:
     start = _along(scene, hand.start_m)
     if name == LIVE:
         if RADIANS in units_of(scene.units, dof):
-            raise InvalidParameter("operator", name, "another operator: a mouse leads to places in metres, not angles")
+            raise InvalidParameter("operator", name, "", why=f"a mouse leads to places in metres, {_NOT_ANGLES}")
         return LiveHand(start, impedance)
     if name == "rest":
         return Rest(dof, impedance, start)
@@ -103,9 +105,7 @@ def _moving(params: Params, scene: World) -> Operator:
         return _generated(int(found[1]), _along(scene, 1.0), LEVER_M if params.units == RADIANS else 1.0)
     if found := re.fullmatch(r"(strokes|writing)-([1-9]\d{0,8})", name):
         if RADIANS in units_of(scene.units, dof):
-            raise InvalidParameter(
-                "operator", name, "another operator: this hand moves to places in metres, not angles"
-            )
+            raise InvalidParameter("operator", name, "", why=f"this hand moves to places in metres, {_NOT_ANGLES}")
         return _natural(found[1], int(found[2]), dof, impedance)
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)

@@ -98,4 +98,4 @@ def named_section(section: str) -> Iterator[None]:
     except InvalidParameter as error:
         if error.name not in ("mass", "damping", "stiffness"):
             raise
-        raise InvalidParameter(f"{section}.{error.name}", error.value, error.allowed) from error
+        raise error.renamed(f"{section}.{error.name}") from error

@@ -52,8 +52,8 @@ def scene_of(params: Params) -> World:
     """
     scene = _made(params)
     for name in _unread(params, scene):
-        allowed = f"left out: the scene {params.scene} does not read it"
-        raise InvalidParameter(name, params.get(name), allowed)
+        why = f"the scene {params.scene} does not read it; leave it out"
+        raise InvalidParameter(name, params.get(name), "", why=why)
     return scene
 
 
@@ -90,5 +90,5 @@ def _made(params: Params) -> World:
             raise
         name = SCENE_PARAMETERS[keyword]
         if entry:
-            raise InvalidParameter(f"{name}, {entry}", error.value, error.allowed) from error
-        raise InvalidParameter(name, params.get(name), error.allowed) from error
+            raise error.renamed(f"{name}, {entry}") from error
+        raise error.renamed(name, params.get(name)) from error

@@ -191,7 +191,7 @@ class ParamsOptions:
         for words in (params.link.up, params.link.down):
             LinkProfile.named(words)
         if self.schema and not self.show_params:
-            raise InvalidParameter("--schema", "given alone", "with --show-params")
+            raise InvalidParameter("--schema", "alone", "", why="it needs --show-params")
         return params
 
     def show(self, params: Params) -> int:
@@ -284,4 +284,4 @@ class SideFlags:
 def no_out_without_files(out: Path | None, files: bool) -> None:
     """Raise InvalidParameter for --out where no files are written."""
     if out is not None and not files:
-        raise InvalidParameter("--out", str(out), "no --out with --no-files")
+        raise InvalidParameter("--out", str(out), "", why="--no-files writes no files; leave one of the two out")

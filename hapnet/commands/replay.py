@@ -169,8 +169,8 @@ def permits(files: str, typed: Iterable[object], *, trust: bool, ask: Callable[[
             question = f"{files} names {name} ({parameter}): code that runs with your rights. Import it?"
             answers[name] = (ask or _asked)(question)
         if not answers[name]:
-            allowed = f"permitted: {files} names it, and importing it runs its code (--trust, if you know who wrote it)"
-            raise InvalidParameter(parameter, name, allowed)
+            why = f"{files} names it, and importing it would run its code; add --trust if you know who wrote it"
+            raise InvalidParameter(parameter, name, "", why=why)
 
     return permit
 

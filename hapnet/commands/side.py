@@ -94,7 +94,9 @@ def _main(
 ) -> int:
     setup = prepare(params, "sampled")
     if params.operator == LIVE and CONSOLE not in os.environ:
-        raise InvalidParameter("operator", LIVE, f"any other, as only hapnet play has the page that leads {LIVE}")
+        raise InvalidParameter(
+            "operator", LIVE, "", why="only hapnet play has a page on which the mouse leads the hand"
+        )
     warnings = setup.warnings + zenoh_warnings(settings)
     if role == "device":
         warnings += real_time_warnings(setup.params)

@@ -32,7 +32,9 @@ def simulate(
         return params.show(chosen)
     if seeds is not None:
         if out is not None:
-            raise InvalidParameter("--out", str(out), "no --out with --seeds, which writes no files but --json FILE")
+            raise InvalidParameter(
+                "--out", str(out), "", why="--seeds writes no files; leave --out out, or use --json FILE"
+            )
         from hapnet.commands import batch
 
         return batch.main(chosen, batch.seed_range(seeds), json_to, workers)

@@ -91,9 +91,9 @@ def operating_range(dof: int, workspace: NamedValue, speed: NamedValue, stiffnes
     return OperatingRange(_workspace(*workspace, dof), _speed(*speed), _stiffness(*stiffness))
 
 
-def in_millimetres(value: float, most: float) -> str:
+def in_millimetres(value: float, most: float, asks: str = "are these millimetres") -> str:
     """A hint for a message, if `value` is more than twice `most`, but a thousandth of it would be allowed."""
-    return " (are these millimetres?)" if 2.0 * most < value <= 1000.0 * most else ""
+    return f" ({asks}?)" if 2.0 * most < value <= 1000.0 * most else ""
 
 
 class RangeWatch:
@@ -107,6 +107,7 @@ class RangeWatch:
         self._count = rounding(resolution, len(position))
         self._last = position
         self._fast = 0
+        self._rested_s = 0.0  # how long the readings before the last one were the same
         self.why: str | None = None
         """A message about the impossible reading; None: none so far."""
 
@@ -114,6 +115,7 @@ class RangeWatch:
         """Whether this reading is possible, `dt` seconds after the previous one."""
         if self.why is None:
             self.why = self._look(dt, x, v)
+            self._rested_s = self._rested_s + dt if x == self._last else 0.0
             self._last = x
         return self.why is None
 
@@ -125,10 +127,12 @@ class RangeWatch:
         travel = math.dist(x, self._last) - self._count
         if travel > declared.speed * (dt + LATENCY_S):
             hint = in_millimetres(travel, declared.speed * (dt + LATENCY_S))
+            if (rested_s := self._rested_s) and travel <= declared.speed * (dt + rested_s + LATENCY_S):
+                hint = f" (it repeated one reading for {1e3 * rested_s:.3g} ms before: let it declare rate_hz)"
             return f"it reads a displacement of {travel:.4g} m in {dt * 1e3:.3g} ms, {most}{hint}"
         speed = math.hypot(*v)
         self._fast = self._fast + 1 if speed > declared.speed else 0
-        hint = in_millimetres(speed, declared.speed)
+        hint = in_millimetres(speed, declared.speed, "is it in mm/s")
         return f"it reads a velocity of {speed:.4g} m/s, {most}{hint}" if self._fast >= _FAST else None
 
 
@@ -140,7 +144,9 @@ def check_motion(name: str, path: Array, reach: float) -> None:
         raise InvalidParameter("operator", name, f"{allowed} {far:.4g} m{in_millimetres(far, reach)}")
     moved = float(np.ptp(path, axis=0).max())
     if 0.0 < moved < MIN_MOTION_M:
-        raise InvalidParameter("operator", name, f"positions in m; these move by only {moved:.2g} m (are these km?)")
+        raise InvalidParameter(
+            "operator", name, f"positions in m; these move by only {moved:.2g} m (is their unit right?)"
+        )
 
 
 def _workspace(name: str, value: object, dof: int) -> Vector:

@@ -217,7 +217,7 @@ class _Connection(NamedTuple):
             return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
         for name, given in (("connect", connect), ("listen", listen)):
             if given:
-                raise InvalidParameter(name, given, f"{name} only without zenoh, or in zenoh")
+                raise InvalidParameter(name, given, "", why=f"give {name} inside zenoh, or leave zenoh out")
         return self.zenoh
 
 
@@ -255,7 +255,7 @@ class _Call:
         except InvalidParameter as error:
             if self.device is None or error.name not in ("hardware", "follower.robot"):
                 raise
-            raise InvalidParameter("device", self.device, error.allowed, error.known, error.why) from error
+            raise error.renamed("device", self.device) from error
 
     def _made(
         self, names: ExitStack, notify: Callable[[Notice], None], watch: Callable[[Sample], None]
@@ -272,7 +272,7 @@ class _Call:
 
     def _parameters(self, names: ExitStack) -> Params:
         if isinstance(self.params, Mapping) and "duration_s" in self.params:
-            raise InvalidParameter("params", self.params, "duration_s as an argument of its own")
+            raise InvalidParameter("params", self.params, "", why="give duration_s as an argument of its own")
         changes: dict[str, object] = {"duration_s": self.duration_s}
         if self.device is not None:
             chosen = "hardware" if self.role == "device" else "follower.robot"

@@ -57,7 +57,7 @@ class Notifier:
         elif self._met_ns is None:
             self._met_ns = now_ns
         elif now_ns - self._met_ns > PATIENCE_NS:
-            text += f", which does not answer: it may be paired with another {self._role}"
+            text += f", which does not answer: it may be ending, or paired with another {self._role}"
         if text != self._waiting:
             self._waiting = text
             self._notify(Notice("waiting", text, now_ns))

@@ -59,7 +59,7 @@ def export(what: Recorded, directory: str | PathLike[str] | None = None, *, form
     if whole.device is None and whole.world is None and not whole.events:
         raise InvalidParameter("FILE", str(found.files[0] if found.files else whole), "a recording with samples")
     if directory is None and not found.files:
-        raise InvalidParameter("directory", None, "where the tables go, as nothing was read from a file")
+        raise InvalidParameter("directory", None, "", why="name one for the tables: the recording is not from a file")
     if not endings:
         path = (found.files[0].parent if directory is None else Path(directory)) / ROSBAG
         rosbag.write(whole, path)

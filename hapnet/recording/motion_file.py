@@ -75,8 +75,9 @@ def _used(name: str, names: Sequence[str], columns: str) -> list[tuple[str, floa
     if missing := {"time_s", "x_m"} - taken:
         if all(_is_number(column) for column in names):
             raise _refused(name, f"line 1 has no names; write a heading with {_WANTED}")
-        others = next((column for column in names if column not in _KNOWN), "COLUMN")
-        flag = f'--set {"operator_model." + COLUMNS}="{" ".join(f"{one}={others}" for one in sorted(missing))}"'
+        others = [*(column for column in names if column not in _KNOWN), "COLUMN", "COLUMN"]
+        chosen_by = " ".join(f"{one}={other}" for one, other in zip(sorted(missing), others, strict=False))
+        flag = f'--set {"operator_model." + COLUMNS}="{chosen_by}"'
         lacks = " and ".join(sorted(missing))
         raise _refused(name, f"line 1 has the columns {', '.join(names) or 'none'}, and no {lacks}; wanted: {_WANTED}. "
                              f"Columns with other names are chosen by {flag}")  # fmt: skip

@@ -93,7 +93,9 @@ class Simulation:
             raise InvalidParameter("follower.robot", params.follower.robot, "none or simulated in virtual time")
         self.seed = seed
         if params.operator == LIVE:
-            raise InvalidParameter("operator", LIVE, "another operator: a hand cannot be guided in virtual time")
+            raise InvalidParameter(
+                "operator", LIVE, "", why="nobody can lead a hand in virtual time: hapnet play, or another"
+            )
         self.setup: Setup = setup or prepare(params, "continuous")
         why_not = no_compiler() if has_extension("compiled") else "hapnet.ext.compiled is not installed"
         if why_not is None and (is_arm(params.hardware) or self.setup.params.units == POSE):

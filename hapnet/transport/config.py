@@ -136,10 +136,11 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
     if config.get_json("transport/unicast/lowlatency") == "true" and untouched("transport/unicast/qos/enabled"):
         insert("transport/unicast/qos/enabled", False)  # Zenoh refuses to open with both
     nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
-    if nowhere and not _scouts(config):
-        raise InvalidParameter(
-            "connect", settings.connect, "an endpoint to dial or to listen on, or multicast scouting"
+    if nowhere and not scouts(config):
+        why = (
+            "there is nowhere to connect to: give an endpoint to dial (-e) or to listen on (-l), or scout by multicast"
         )
+        raise InvalidParameter("connect", settings.connect, "", why=why)
     _check_security(settings.security, config)
     return config
 
@@ -182,7 +183,7 @@ def proof_of(settings: ZenohSettings) -> Proof | None:
     """
     config, security = zenoh_config(settings), settings.security
     protocols = {each.partition("/")[0] for side in ENDS for each in endpoints_of(config, side)}
-    if _scouts(config):
+    if scouts(config):
         return None
     if protocols <= {"unixsock-stream"}:
         return "socket"
@@ -215,14 +216,15 @@ def _check_security(security: Security, config: zenoh.Config) -> None:
                 raise InvalidParameter(side, endpoint, f"tls/ or quic/ ADDRESS:PORT, with {security.tls_flag}")
     for endpoint in listens:
         if endpoint.partition("/")[0] in ENCRYPTED and "#" not in endpoint and not _has_certificate(config):
-            raise InvalidParameter("--tls-cert", None, f"a certificate and --tls-key, to listen on {endpoint}")
+            raise InvalidParameter("listen", endpoint, "", why="it needs a certificate: --tls-cert and --tls-key")
     if security.tls_ca is not None and listens and not dials and not _is_mutual(config):
-        words = "with --mutual-tls on a side that only listens: without it no certificate is checked"
-        raise InvalidParameter("--tls-ca", str(security.tls_ca), words)
+        why = "a side that only listens checks certificates with --mutual-tls only; add it"
+        raise InvalidParameter("--tls-ca", security.tls_ca, "", why=why)
     if security.users is not None and not listens:
-        raise InvalidParameter("--users", str(security.users), "on the side that listens (-l)")
-    if security.user is not None and not dials and not _scouts(config):
-        raise InvalidParameter("--user", security.user, "on the side that dials (-e); one that listens has --users")
+        raise InvalidParameter("--users", security.users, "", why="it belongs to the side that listens (-l)")
+    if security.user is not None and not dials and not scouts(config):
+        why = "it belongs to the side that dials (-e); the side that listens has --users"
+        raise InvalidParameter("--user", security.user, "", why=why)
 
 
 def _is_mutual(config: zenoh.Config) -> bool:
@@ -234,7 +236,7 @@ def _has_certificate(config: zenoh.Config) -> bool:
     return any(config.get_json(key + form) != "null" for form in ("", "_base64"))
 
 
-def _scouts(config: zenoh.Config) -> bool:
+def scouts(config: zenoh.Config) -> bool:
     return bool(config.get_json("scouting/multicast/enabled") == "true")
 
 
@@ -259,7 +261,7 @@ def where(config: zenoh.Config) -> str:
             words.append(f"{verb} {', '.join(map(str, endpoints))}")
         elif endpoints:
             words.append(f"{verb} {json.dumps(endpoints)}")
-    if _scouts(config):
+    if scouts(config):
         words.append("scouting by multicast")
     return ", ".join(words)
 

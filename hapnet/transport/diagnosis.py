@@ -11,13 +11,13 @@ import json
 import socket
 import ssl
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import zenoh
 
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.transport.config import ZenohSettings, check_endpoint, endpoints_of, zenoh_config
+from hapnet.transport.config import ZenohSettings, check_endpoint, endpoints_of, scouts, zenoh_config
 from hapnet.transport.security import UNTIMELY, host_and_port
 
 REFUSAL_S = 0.5
@@ -36,6 +36,7 @@ LOOK_UP_S = 2.0
 _NO_HOST = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}
 """The resolver's codes for a name that has no address; others, such as EAI_AGAIN, are for now."""
 
+_OVER_TCP = ("tcp/", "tls/", "ws/")
 _WRONG_NAME, _WRONG_ADDRESS = 62, 64  # OpenSSL's X509_V_ERR_*
 _NOT_SIGNED = (2, 7, 18, 19, 20, 21)  # no issuer, another issuer of the same name, or a self-signed certificate
 _SIGNED_BY_ANOTHER = ("UNKNOWN_CA", "DECRYPT_ERROR", "BAD_CERTIFICATE")  # of the same name or not
@@ -75,20 +76,40 @@ class Trust:
 
 
 def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
-    """Return why no dialled endpoint answers, in one line; None if probes find no reason (as with quic/ and udp/).
+    """Return why there is no connection, in one line; None if probes find no reason (as with quic/ and udp/).
 
     Blocks for about `timeout_s` at most, so it needs a thread of its own.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
     config = zenoh_config(settings)
-    endpoints = [endpoint for endpoint in endpoints_of(config, "connect") if endpoint.startswith(("tcp/", "tls/"))]
+    dialled = endpoints_of(config, "connect")
+    if not dialled:
+        return _why_nobody_came(endpoints_of(config, "listen"), scouts=scouts(config))
+    endpoints = [endpoint for endpoint in dialled if endpoint.startswith(_OVER_TCP)]
     trust = Trust.of(config)
     reasons = []
     for endpoint in endpoints:
         reason = probe(endpoint, trust, timeout_s / len(endpoints)) or _not_zenohs(settings)
         reasons.append(f"{endpoint}: {reason}")
     return "; ".join(reasons) or None
+
+
+def _why_nobody_came(listens: Sequence[str], *, scouts: bool) -> str | None:
+    """What the other side needs to reach this one, which dials nobody."""
+    if scouts:
+        return (
+            "no node answers by multicast, which many networks block: start one side with -l tcp/0.0.0.0:17447, and "
+            "the other with -e tcp/HOST:17447"
+        )
+    hosts = [
+        host_and_port(endpoint.partition("/")[2])[0] for endpoint in listens if not endpoint.startswith("unixsock-")
+    ]
+    if hosts and all(host == "localhost" or host == "::1" or host.startswith("127.") for host in hosts):
+        return f"only programs on this host can dial {' or '.join(hosts)}: for others listen on 0.0.0.0"
+    if hosts:
+        return "nobody has dialled: the other side needs -e with this host's address, and a firewall must let it in"
+    return None
 
 
 class ConnectionDiagnosis:

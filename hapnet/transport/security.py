@@ -169,11 +169,11 @@ def host_and_port(address: str) -> tuple[str, str]:
 def _check_certificates(security: Security) -> None:
     ca, cert, key = security.tls_ca, security.tls_cert, security.tls_key
     if cert is not None and key is None:
-        raise InvalidParameter("--tls-cert", str(cert), "with its key, --tls-key FILE")
+        raise InvalidParameter("--tls-cert", cert, "", why="it needs its key, --tls-key FILE")
     if key is not None and cert is None:
-        raise InvalidParameter("--tls-key", str(key), "with its certificate, --tls-cert FILE")
+        raise InvalidParameter("--tls-key", key, "", why="it needs its certificate, --tls-cert FILE")
     if security.mutual_tls and (ca is None or cert is None):
-        raise InvalidParameter("--mutual-tls", True, "with --tls-ca, --tls-cert and --tls-key")
+        raise InvalidParameter("--mutual-tls", "alone", "", why="it needs --tls-ca, --tls-cert and --tls-key")
     if ca is not None:
         _trust("--tls-ca", ca)
     if cert is not None and key is not None:
@@ -187,12 +187,12 @@ def _check_pair(cert: Path, key: Path) -> None:
     try:
         own.load_cert_chain(cert, key, password=lambda: b"")  # without a password OpenSSL would ask the terminal
     except ssl.SSLError as error:
-        words = f"the key of {cert}" if error.reason == "KEY_VALUES_MISMATCH" else "a private key, PEM, no passphrase"
-        raise InvalidParameter("--tls-key", str(key), words) from None
+        wrong = f"it is not the key of {cert}"
+        why = wrong if error.reason == "KEY_VALUES_MISMATCH" else "it is not a private key in PEM without a passphrase"
+        raise InvalidParameter("--tls-key", key, "", why=why) from None
     refused = _shown_to(trust, own)
     if refused in UNTIMELY:
-        words = f"a certificate that is valid now (this one {UNTIMELY[refused]})"
-        raise InvalidParameter("--tls-cert", str(cert), words)
+        raise InvalidParameter("--tls-cert", cert, "", why=f"the certificate {UNTIMELY[refused]}")
 
 
 def _shown_to(trust: ssl.SSLContext, own: ssl.SSLContext) -> int:
@@ -227,13 +227,13 @@ def _trust(flag: str, path: Path) -> ssl.SSLContext:
 def _check_users(security: Security) -> None:
     user = security.user
     if user is None and security.password_file is not None:
-        raise InvalidParameter("--password-file", str(security.password_file), "with --user NAME")
+        raise InvalidParameter("--password-file", security.password_file, "", why="it needs --user NAME")
     if user is not None:
         if not _NAME.fullmatch(user):
             raise InvalidParameter("--user", user, "a name without spaces and colons, and no # at its start")
         if not security.known_password():
-            words = f"with its password, as --password-file FILE or in the environment as {PASSWORD_VARIABLE}"
-            raise InvalidParameter("--user", user, words)
+            why = f"it needs its password: --password-file FILE, or {PASSWORD_VARIABLE} in the environment"
+            raise InvalidParameter("--user", user, "", why=why)
     if security.users is not None:
         _check_dictionary(security.users)
 
@@ -243,11 +243,13 @@ def _check_dictionary(path: Path) -> None:
     for number, line in enumerate(_read("--users", path).splitlines(), 1):
         match = _USER.fullmatch(line)
         if match is None or match["name"] in names:
-            wrong = "is not that" if match is None else "names a user again"  # the line itself may hold a password
-            raise InvalidParameter("--users", str(path), f"lines user:password (line {number} {wrong})")
+            wrong = (
+                "is not user:password" if match is None else "names a user again"
+            )  # the line itself may hold a password
+            raise InvalidParameter("--users", path, "", why=f"line {number} {wrong}")
         names.add(match["name"])
     if not names:
-        raise InvalidParameter("--users", str(path), "lines user:password (it has none)")
+        raise InvalidParameter("--users", path, "", why="it is empty; write lines user:password")
 
 
 def _first_line(flag: str, path: Path) -> str:

@@ -26,7 +26,7 @@ def test_what_it_waits_for_is_told_when_it_changes() -> None:
     assert first == "waiting for the world: dialling x"
     assert more == [
         "waiting for the world: connected",
-        "waiting for the world: connected, which does not answer: it may be paired with another device",
+        "waiting for the world: connected, which does not answer: it may be ending, or paired with another device",
     ]
 
 

@@ -69,7 +69,7 @@ def test_other_names_are_chosen_by_the_parameter_and_the_refusal_says_how(tmp_pa
     file = write(tmp_path / "a.csv", "timestamp,px", rows=[(t, 1e3 * x) for t, x in ROWS])
     line = refusal(file)
     assert "line 1 has the columns timestamp, px, and no time_s and x_m" in line
-    assert '--set operator_model.columns="time_s=timestamp x_m=timestamp"' in line
+    assert '--set operator_model.columns="time_s=timestamp x_m=px"' in line
     found = read_columns(file, "time_s=timestamp x_mm=px")
     np.testing.assert_allclose(found["x_m"], [x for _, x in ROWS], atol=1e-15)
     assert "columns of" in refusal(file, "time_s=timestamp x_mm=py")

@@ -181,7 +181,9 @@ def test_a_recorded_hand_is_in_metres(scale: float, tmp_path: Path) -> None:
     if scale == 1.0:
         operator(params, prepare(params).scene)
         return
-    with pytest.raises(InvalidParameter, match="are these millimetres" if scale > 1.0 else "are these km") as caught:
+    with pytest.raises(
+        InvalidParameter, match="are these millimetres" if scale > 1.0 else "is their unit right"
+    ) as caught:
         operator(params, prepare(params).scene)
     assert str(caught.value).startswith(f"operator is '{file}'; allowed: positions in m")
 
@@ -283,7 +285,7 @@ def test_one_whose_velocity_is_in_millimetres_a_second_is_stopped_and_a_single_s
     tick(side, 6)
     assert side.stopped == (
         6 * MS,
-        "it reads a velocity of 50 m/s, its maximum speed is 1 m/s (are these millimetres?)",
+        "it reads a velocity of 50 m/s, its maximum speed is 1 m/s (is it in mm/s?)",
         False,
     )
 

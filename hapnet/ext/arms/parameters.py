@@ -121,6 +121,24 @@ def real_time_warnings(params: Params) -> tuple[str, ...]:
     return (f"{why}: at 1 kHz an arm needs the extra fast, or --set device.substeps=1",)
 
 
+def home_warnings(params: Params) -> tuple[str, ...]:
+    """A warning if at home the tip cannot move along some direction: the hand would push there in vain."""
+    if by_joints(params.hardware):
+        return ()
+    table = table_of(params.hardware)
+    J, M = at_home(table)
+    mobility, directions = np.linalg.eigh(J @ np.linalg.solve(M, J.T))
+    stuck = directions[:, mobility <= _STUCK * mobility[-1]].T
+    if not len(stuck):
+        return ()
+    axes = " and ".join(sorted({"xyz"[int(np.argmax(np.abs(one)))] for one in stuck}))
+    why = f"at home ({', '.join(f'{angle:.3g}' for angle in table.home)} rad) the tip of {table.name} cannot move along"
+    return (f"{why} {axes}: choose other angles by home=RAD,RAD,...",)
+
+
+_STUCK = 1e-6  # mobility along a direction, as a share of the largest
+
+
 def picture(meta: Mapping[str, Any]) -> ArmPicture | None:
     """The picture of the arm in a recording's description; None: there is no arm."""
     return ArmPicture.of(meta)

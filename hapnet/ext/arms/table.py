@@ -162,8 +162,9 @@ def _check_body(name: str, joint: Joint, inertia: Array) -> None:
     """Raise InvalidParameter if the body's mass or moments of inertia are negative, or not finite."""
     numbers = np.isfinite(inertia).all() and math.isfinite(joint.mass)
     if not numbers or joint.mass < 0.0 or np.linalg.eigvalsh((inertia + inertia.T) / 2.0)[0] < -1e-12:
-        shown = f"{joint.mass:g} kg, {inertia.tolist()} kg m^2"
-        raise InvalidParameter(f"the link of {name}'s joint {joint.name}", shown, "mass and inertia of a body")
+        has = f"{joint.mass:g} kg and {inertia.tolist()} kg m^2"
+        why = f"the link that joint {joint.name} moves has {has}, as no body can have"
+        raise InvalidParameter("the arm", name, "", why=why)
 
 
 def home_of(joints: Sequence[Joint]) -> Vector:

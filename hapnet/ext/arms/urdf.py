@@ -72,7 +72,7 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
         moving, placed = joint, pose
         pose, body = _SAME, robot.carried(robot.child(joint), _SAME, on_chain)
     if moving is None:
-        raise InvalidParameter("the tip of " + name, tip, "a link that a joint moves")
+        raise InvalidParameter("the arm", name, "", why=f"no joint moves its tip, the link {tip}")
     joints.append(robot.joint(moving, placed, body))
     where: Vector = tuple(pose.place.tolist())
     return ArmTable(name, tuple(joints), where, home or home_of(joints))
@@ -84,24 +84,27 @@ class _Robot:
     def __init__(self, text: str, name: str) -> None:
         self.name = name
         if "<!DOCTYPE" in text:  # only a DTD can expand a few bytes to many
-            raise InvalidParameter("the arm " + name, "<!DOCTYPE ...>", "URDF, which declares no entities")
+            raise InvalidParameter("the arm", name, "", why="it has a <!DOCTYPE ...>, which a URDF must not have")
         try:
             root = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
-            raise InvalidParameter("the arm " + name, "its file", f"URDF ({error})") from None
+            raise InvalidParameter("the arm", name, "", why=f"it is not a URDF: its XML is broken ({error})") from None
         if root.tag != "robot":
-            raise InvalidParameter("the arm " + name, f"<{root.tag}>", "URDF, whose root is <robot> (is it xacro?)")
+            why = f"its root is <{root.tag}>; that of a URDF is <robot> (is it xacro?)"
+            raise InvalidParameter("the arm", name, "", why=why)
         self.links = {str(link.get("name")): link for link in root.findall("link")}
         self.joints = [joint for joint in root.findall("joint") if joint.find("child") is not None]
         self.before: dict[str, ElementTree.Element] = {}
         for joint in self.joints:
             if self.before.setdefault(self.child(joint), joint) is not joint:
-                raise self._goes_round(self.child(joint))
+                why = f"the link {self.child(joint)} is the child of two joints, {self._named(joint)}"
+                raise InvalidParameter("the arm", name, "", why=why)
         self.after: dict[str, list[ElementTree.Element]] = {link: [] for link in self.links}
         for joint in self.joints:
             for end in (self.parent(joint), self.child(joint)):
                 if end not in self.links:
-                    raise InvalidParameter(f"a link of {name}'s joint {joint.get('name')}", end, "a link of the file")
+                    why = f"its joint {joint.get('name')} names the link {end!r}, which the file does not have"
+                    raise InvalidParameter("the arm", name, "", why=why)
             self.after[self.parent(joint)].append(joint)
 
     def parent(self, joint: ElementTree.Element) -> str:
@@ -132,11 +135,17 @@ class _Robot:
             if link == base:
                 whole = len(found)
         if base and whole < 0:
-            raise InvalidParameter(f"the base of {self.name}", base, f"a link before {tip}")
+            why = f"the link {base}, its base, does not lie between the first link and the tip {tip}"
+            raise InvalidParameter("the arm", self.name, "", why=why)
         return found[::-1] if whole < 0 else found[:whole][::-1]
 
     def _goes_round(self, link: str) -> InvalidParameter:
-        return InvalidParameter(f"the joints of {self.name}", link, "a chain, without a loop")
+        return InvalidParameter("the arm", self.name, "", why=f"its joints go round in a loop at the link {link}")
+
+    def _named(self, joint: ElementTree.Element) -> str:
+        """The names of a joint and of the one before it with the same child; both may have the same name."""
+        first, second = self.before[self.child(joint)].get("name"), joint.get("name")
+        return f"{first} and {second}" if first != second else f"both called {first}"
 
     def origin(self, element: ElementTree.Element) -> _Pose:
         """An element's <origin>."""
@@ -156,8 +165,8 @@ class _Robot:
     def joint(self, joint: ElementTree.Element, placed: _Pose, body: _Body) -> Joint:
         """The joint that moves `body`, with its frame at `placed` in the previous joint's frame."""
         if body.mass <= 0.0:
-            allowed = "a link with an <inertial>, or one that is fixed to such a link"
-            raise InvalidParameter(f"the link of {self.name}'s joint {joint.get('name')}", self.child(joint), allowed)
+            why = f"the link {self.child(joint)}, which joint {joint.get('name')} moves, has no mass: add an <inertial>"
+            raise InvalidParameter("the arm", self.name, "", why=why)
         centre = body.moment / body.mass
         inertia = body.inertia - body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         axis = joint.find("axis")

@@ -44,7 +44,7 @@ def doctor(
     if hardware is not None:
         return examine_device(hardware, dof or 1, ramp, damping, json_to)
     if force := ramp or damping:
-        raise InvalidParameter("--ramp" if ramp else "--damping", force, "given together with --device")
+        raise InvalidParameter("--ramp" if ramp else "--damping", force, "", why="it needs --device")
     from hapnet.ext.doctor.machine import examine
     from hapnet.transport.diagnosis import check_hosts
 
@@ -70,7 +70,7 @@ def examine_device(hardware: str, dof: int, ramp_N: float, damping_N: float, jso
                 allowed = "0 (no force), or above" + ("" if most_N is None else f", at most {most_N:g} N")
                 raise InvalidParameter(flag, force_N, allowed)
         if ramp_N and damping_N:
-            raise InvalidParameter("--damping", damping_N, "without --ramp: one after the other")
+            raise InvalidParameter("--damping", damping_N, "", why="run --ramp and --damping one after the other")
         checks = measure(
             device, rate_hz, time.monotonic_ns, time.sleep, ramp_N, damping_N,
             known_mass=known_devices.mass_of(hardware, dof) or (),

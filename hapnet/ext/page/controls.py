@@ -17,7 +17,7 @@ def require_no_file(text: str) -> None:
     Raises InvalidParameter, netem.NetemError: the text names a file, or does not describe a link.
     """
     if {"trace", "csv"} & set(split_words(text)):
-        raise InvalidParameter("link", text, "a link without files: only the command line reads files")
+        raise InvalidParameter("link", text, "", why="the page reads no files; give the file on the command line")
 
 
 class Controls(Protocol):

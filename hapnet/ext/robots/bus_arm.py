@@ -209,7 +209,7 @@ class BusArm(Driver):
         replies = self.bus.sync_read(*self.control_table.present, self._ids, budget_s)
         if len(replies) < len(self._ids):
             lost = next(motor.joint for motor in self._motors if motor.joint.servo not in replies)
-            raise DeviceSilent(f"no complete answer of servo {lost.servo} ({lost.name})")
+            raise DeviceSilent(f"no complete answer of servo {lost.servo} ({lost.name}): check its power and cable")
         ended_s = time.monotonic()
         values = [self.decoded(replies[servo]) for servo in self._ids]
         self._require_possible(ended_s, values)

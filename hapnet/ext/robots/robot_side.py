@@ -38,7 +38,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
         if error.name not in ("hardware", "device.servo_hz"):
             raise
         name = "follower.robot" if error.name == "hardware" else "follower.servo_hz"
-        raise InvalidParameter(name, robot.robot, error.allowed, error.known, error.why) from error
+        raise error.renamed(name, robot.robot) from error
     with closed_if_refused(device):
         return _following(device, servo, setup, endpoint, clock, write)
 
@@ -51,7 +51,9 @@ def _following(
     robot = params.follower
     if robot.fixtures:
         if setup.scene.contacts.planes(setup.scene.start, 0.0) is None:
-            raise InvalidParameter("follower.fixtures", robot.fixtures, f"no: the scene {params.scene} has no planes")
+            raise InvalidParameter(
+                "follower.fixtures", "yes", "", why=f"the scene {params.scene} has no planes for fixtures"
+            )
         device.device = Fixture(device.device, setup.scene.contacts)
     frame = frame_of(params, setup.units, setup.dof)
     sensor: ContactForce | None = None

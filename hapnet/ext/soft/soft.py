@@ -110,7 +110,7 @@ def soft_world(
     except InvalidParameter as error:
         if error.name.startswith(("scene ", "step_", "dof")):
             raise
-        raise InvalidParameter(f"scene {text}: {error.name}", error.value, error.allowed) from error
+        raise error.renamed(f"scene {text}: {error.name}") from error
 
 
 def _body(properties: Properties, file: str) -> tuple[Body, Skin]:

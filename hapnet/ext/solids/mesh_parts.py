@@ -81,7 +81,7 @@ def joined(vertices: Array, triangles: Triangles) -> tuple[Array, Triangles, str
     every = [MeshPart.of(vertices, triangles[part_of == i]) for i in range(count)]
     parts = [part for part in every if abs(part.volume) > _EMPTY * float(np.prod(part.high - part.low))]
     if not parts:
-        raise InvalidParameter("mesh", f"{count} parts without volume", "a solid")
+        raise InvalidParameter("mesh", f"of {count} parts", "", why="none of them encloses a volume")
     solids, turned, cavities = _oriented(parts)
     made, before, after = _united(solids)
     counts = [

@@ -103,9 +103,9 @@ class MeshSurface:
 def require_closed(triangles: Triangles) -> None:
     """Raise InvalidParameter unless every edge belongs to two triangles that pass along it in opposite directions."""
     if not len(triangles):
-        raise InvalidParameter("mesh", "no triangles", "one triangle or more")
+        raise InvalidParameter("mesh", "without triangles", "", why="it needs one triangle or more")
     if len(triangles) >= _KEY // 4:
-        raise InvalidParameter("mesh", f"{len(triangles)} triangles", "fewer")
+        raise InvalidParameter("mesh", f"of {len(triangles)} triangles", "", why=f"it may have {_KEY // 4} at most")
     one, other = directed(triangles)
     keys, back = np.sort(one * _KEY + other), np.sort(other * _KEY + one)
     twice = int((keys[1:] == keys[:-1]).sum())

@@ -128,7 +128,7 @@ def rigid(
     except InvalidParameter as error:
         if error.name != "start":
             raise
-        raise InvalidParameter(f"scene {text}: start", error.value, error.allowed) from error
+        raise error.renamed(f"scene {text}: start") from error
     scene.warnings = tuple(chain.from_iterable(notes))
     return scene
 
@@ -190,7 +190,7 @@ def solids_of(spec: str, given: Mapping[str, float]) -> tuple[list[Solid], list[
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
-        raise InvalidParameter(f"scene {spec}: {error.name}", error.value, error.allowed) from error
+        raise error.renamed(f"scene {spec}: {error.name}") from error
 
 
 def _layers(properties: Properties) -> list[tuple[float, float]]:

@@ -79,7 +79,7 @@ def _array(file: str) -> Array:
 
 def _image(file: str, unit_m: float, spacing_m: float | None) -> tuple[Array, Array]:
     if spacing_m is not None:
-        raise InvalidParameter("spacing", spacing_m, f"none: {file} has its own")
+        raise InvalidParameter("spacing", spacing_m, "", why=f"{file} has its own; leave it out")
     try:
         import SimpleITK as sitk  # noqa: N813  # as its documents name it
     except ImportError:

@@ -254,7 +254,7 @@ def run(name: str, params: Params, seed: int = 0, report: Callable[[int], None] 
     setting, found = anchor(name), []
     for word in sorted({*setting.fixed}.union(*setting.runs)):
         if params.get(word) != BASE.get(word):
-            raise InvalidParameter(word, params.get(word), "its default: --anchor sets it")
+            raise InvalidParameter(word, params.get(word), "", why="--anchor sets it; leave it out")
     for number, own in enumerate(setting.runs):
         report(number)
         found.append(measure(params.set({**setting.fixed, **own}), seed))

@@ -41,7 +41,8 @@ class Comparison:
         """
         outcomes = plan.outcomes(journal.rows())
         if all(one.error is not None for one in outcomes if one.case.variant != LOCAL):
-            raise InvalidParameter("--coupling", list(plan.couplings), f"cases that run; none did: {outcomes[0].error}")
+            names = ", ".join(map(str, plan.couplings))
+            raise InvalidParameter("--coupling", names, "", why=f"no case could run: {outcomes[0].error}")
         return cls(plan, outcomes, cases_of.groups(plan, outcomes))
 
     def __len__(self) -> int:

@@ -77,7 +77,8 @@ def _chosen(axes: Mapping[str, GridAxis], x: str | None, y: str | None) -> tuple
     """The axes to draw: as given, otherwise the names with the most values; the seed only if nothing else varies."""
     if x is not None:
         if x == y:
-            raise InvalidParameter("--y", y, f"another than --x: {', '.join(name for name in axes if name != x)}")
+            others = ", ".join(name for name in axes if name != x)
+            raise InvalidParameter("--y", y, "", why=f"--x shows it already; choose one of {others}")
         return x, y
     free = sorted((n for n in axes if n not in (SEED, y)), key=lambda name: -len(axes[name].values))
     most = [name for name in free if len(axes[name].values) > 1] or [SEED]

@@ -58,7 +58,7 @@ def plans(
         raise InvalidParameter("duration_s", params.duration_s, "above 0 in virtual time")
     for name, flag in _OWN.items():
         if params.get(name) != BASE.get(name):
-            raise InvalidParameter(name, params.get(name), f"its default: in a comparison {flag} sets it")
+            raise InvalidParameter(name, params.get(name), "", why=f"in a comparison {flag} sets it; leave it out")
     names = [name.strip() for name in bench.split(",")]
     given = [part for part in (couplings, links, traces or None, operators, seeds, deadbands) if part is not None]
     quick = replace(QUICK, operators=QUICK.operators[:1]) if given else QUICK
@@ -126,7 +126,7 @@ def _check_words(plan: Plan) -> None:
                 coupling(name)
             for parameter in plan.params.typed(own):
                 if parameter in taken:
-                    raise InvalidParameter(flag, word, f"other parameters: {taken[parameter]} sets {parameter}")
+                    raise InvalidParameter(flag, word, "", why=f"{taken[parameter]} sets {parameter} already")
                 found[parameter] = flag
         taken |= found
 

@@ -226,7 +226,7 @@ def in_file(file: Path) -> Iterator[None]:
     except InvalidParameter as error:
         if error.name.startswith("--") or error.value == str(file):  # a flag, or the file itself
             raise
-        raise InvalidParameter(f"{file}: {error.name}", error.value, error.allowed, error.known) from error
+        raise error.renamed(f"{file}: {error.name}") from error
 
 
 @contextmanager

@@ -132,7 +132,7 @@ def tool_scene(
     except InvalidParameter as error:
         if error.name != "start":
             raise
-        raise InvalidParameter(f"scene {text}: start", error.value, error.allowed) from error
+        raise error.renamed(f"scene {text}: start") from error
 
 
 def tool_of(spec: str) -> Tool:
@@ -147,7 +147,7 @@ def tool_of(spec: str) -> Tool:
     except InvalidParameter as error:
         if error.name.startswith("scene "):
             raise
-        raise InvalidParameter(f"scene {spec}: {error.name}", error.value, error.allowed) from error
+        raise error.renamed(f"scene {spec}: {error.name}") from error
     properties.finish(words)
     return made
 

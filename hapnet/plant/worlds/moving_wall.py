@@ -218,9 +218,10 @@ def _changes(timeline: str, start: dict[str, float], dof: int) -> Iterator[Chang
             raise InvalidParameter(name, text, f"a time with its unit, such as 2s or 200ms ({error})") from None
         kind = "presence" if word in _PRESENCE else word
         if at_s < max(last_s, ends_s[kind]):
-            raise InvalidParameter(name, text, f"{max(last_s, ends_s[kind]):g}s or later: earlier changes end first")
+            why = f"an earlier change ends at {max(last_s, ends_s[kind]):g}s; begin then or later"
+            raise InvalidParameter(name, text, "", why=why)
         if kind == "turn" and dof == 1:
-            raise InvalidParameter(name, text, "no turn with one degree of freedom")
+            raise InvalidParameter(name, text, "", why="a wall cannot turn with one degree of freedom")
         given = _PRESENCE[word] if kind == "presence" else _amount(name, kind, match[3])
         after = now[kind] + given if kind in ("shift", "turn") else given
         yield Change(at_s, over_s, kind, now[kind], after)

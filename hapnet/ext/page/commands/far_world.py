@@ -79,7 +79,8 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
     params : of the hand's side.
     """
     if far.zenoh.encrypt and far.zenoh.secret_file is None:
-        raise InvalidParameter("--encrypt", "given alone", "with --secret-file, with which the page decrypts telemetry")
+        why = "it needs --secret-file, with which the page decrypts the telemetry"
+        raise InvalidParameter("--encrypt", "alone", "", why=why)
     settings = zenoh_settings(far.zenoh)
     words = output.console(far.json_to)
     with ExitStack() as closing:
@@ -115,7 +116,7 @@ def _first(found: queue.SimpleQueue[Status], watcher: Watcher, console: Console)
         if time.monotonic() < since_s + PATIENCE_S:
             continue
         if watcher.telemetry.undecrypted:
-            raise InvalidParameter("--secret-file", None, "the world's file, as its telemetry is encrypted")
+            raise HapnetError("the world's telemetry is encrypted: give the world's --secret-file")
         text = f"waiting for a world's telemetry: {watcher.where}"
         text += f" ({watcher.problem})" if watcher.problem else ""
         if text != shown:

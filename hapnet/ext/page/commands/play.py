@@ -50,7 +50,7 @@ def play(
     chosen = params.over(base, model.named("device", "world"), links)
     for own, why in (("operator", "the mouse is the hand here"), ("duration_s", "it runs until Ctrl-C")):
         if chosen.source(own) == FLAG:  # a file may be for other commands too
-            raise InvalidParameter(own, chosen.get(own), f"left out: {why}")
+            raise InvalidParameter(own, chosen.get(own), "", why=f"{why}; leave it out")
     chosen = led(chosen)
     if params.show_params:
         return params.show(chosen)
@@ -65,13 +65,13 @@ def play(
             ("Zenoh's flags", zenoh != ZenohOptions()),
         ):  # fmt: skip
             if given:
-                raise InvalidParameter(flag, "given alone", "with -e or -l, for a world on another host")
+                raise InvalidParameter(flag, "alone", "", why="it needs -e or -l, for a world on another host")
         return _play_here(chosen, seed, out, page, json_to, realtime=realtime)
     from hapnet.ext.page.commands import far_world
 
     if chosen.asked("scene"):
-        allowed = f"on the world's host: hapnet world --scene {chosen.scene}"
-        raise InvalidParameter("--scene", chosen.scene, allowed)
+        why = f"the world's host chooses it: hapnet world --scene {chosen.scene}"
+        raise InvalidParameter("--scene", chosen.scene, "", why=why)
     world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime, json_to)
     return far_world.play(chosen, world, page)
 

@@ -45,7 +45,8 @@ def view(
     """
     if files:
         if session or name or zenoh.connect or zenoh.listen or zenoh.config:
-            raise InvalidParameter("FILE", [str(file) for file in files], "left out to watch a running pair")
+            why = "a recording is played back alone; leave it out to watch a running pair"
+            raise InvalidParameter("FILE", " ".join(map(str, files)), "", why=why)
         return play_back(files, page)
     from hapnet.commands.side import zenoh_settings
     from hapnet.ext.page.history import History

@@ -35,7 +35,9 @@ def show(console: Console, options: CompareOptions, params: Params, json_to: str
     setting = anchor(name)
     for field in fields(options):
         if field.name in _OWN and getattr(options, field.name) != field.default:
-            raise InvalidParameter(f"--{field.name}", getattr(options, field.name), "its default: --anchor sets it")
+            given = getattr(options, field.name)
+            shown = " ".join(map(str, given)) if isinstance(given, list | tuple) else given
+            raise InvalidParameter(f"--{field.name}", shown, "", why="--anchor sets it; leave it out")
     seed = _seed(options.seeds)
     with Progress(output.progress_console(console), "measuring", len(setting.runs), "runs") as progress:
         found = run(name, params, seed, progress.update)

@@ -280,7 +280,7 @@ def _plans(params: Params, given: CompareOptions) -> dict[str, Plan]:
         deadbands=None if given.deadband is None else deadbands(given.deadband),
     )
     if given.case is not None and len(found) > 1:
-        raise InvalidParameter("--case", given.case, "one comparison: --bench quick, or one section")
+        raise InvalidParameter("--case", given.case, "", why="it needs one comparison: --bench quick, or one section")
     return found
 
 

@@ -118,10 +118,12 @@ def transparency(
         coupling(name)
     for name in ("coupling", "link.up", "link.down"):
         if name in chosen.given:
-            raise InvalidParameter(name, chosen.get(name), f"left out: here --{name.partition('.')[0]} sets it")
+            why = f"here --{name.partition('.')[0]} sets it; leave it out"
+            raise InvalidParameter(name, chosen.get(name), "", why=why)
     for name in ("operator", "duration_s"):
         if name in chosen.given:
-            raise InvalidParameter(name, chosen.get(name), "left out: the measured motion is always the same")
+            why = "the measured motion is always the same; leave it out"
+            raise InvalidParameter(name, chosen.get(name), "", why=why)
     links, seeds = links_of(list(options.link or LINKS), ()), seed_range(options.seeds)
     tasks = [
         SearchTask(
@@ -211,12 +213,12 @@ def _motions(given: TransparencyOptions, params: Params) -> tuple[str, ...]:
     named = tuple(names_of(given.motion))
     if not is_tool(params.scene):
         if named:
-            raise InvalidParameter("--motion", named[0], "none without a tool, as in --scene tool:box")
+            raise InvalidParameter("--motion", named[0], "", why="only a tool has it, as in --scene tool:box")
         return ("",)
     from hapnet.ext.study.tool_impedance import MOTIONS, motions
 
     if given.z_width:
-        raise InvalidParameter("--z-width", params.scene, "a scene with a wall: a tool has none")
+        raise InvalidParameter("--z-width", f"with {params.scene}", "", why="it needs a scene with a wall, not a tool")
     for name in named:
         one_of("--motion", name, MOTIONS)
     return tuple(dict.fromkeys(named)) or motions(params)
