@@ -37,7 +37,8 @@ class ProfileError(NetemError):
 
     def __init__(self, word: str, value: object, allowed: str, known: Iterable[str] = (), why: str = "") -> None:
         self.word, self.value, self.allowed, self.known, self.why = word, value, allowed, tuple(known), why
-        says = f"{word}: {why}" if why else f"{word}: {value!r} is not allowed; allowed: {allowed}"
+        given = word if value == word else f"{word} {value}"
+        says = f"{given}: {why}" if why else f"{word}: {value!r} is not allowed; allowed: {allowed}"
         super().__init__(unknown(word, value, self.known) or says)
 
     def __reduce__(self) -> tuple[type[ProfileError], tuple[str, object, str, tuple[str, ...], str]]:

@@ -66,10 +66,15 @@ class LinkProfile:
             effects.check_fraction(name.replace("_", " "), getattr(self, name))
         effects.check_distribution("distribution", self.distribution)
         if self.distribution != "uniform" and self.jitter_ns == 0:
-            why = f"{self.distribution} needs a delay with jitter before it, such as 'delay 40ms 10ms'"
+            why = "it needs a delay with jitter before it, such as 'delay 40ms 10ms'"
             raise ProfileError("distribution", str(self.distribution), "", why=why)
         if self.reorder and self.delay_ns == 0 and self.csv is None:
-            raise ProfileError("reorder", self.reorder, "", why="it needs a delay to overtake, such as 'delay 40ms'")
+            raise ProfileError(
+                "reorder",
+                units.format_fraction(self.reorder),
+                "",
+                why="it needs a delay to overtake, such as 'delay 40ms'",
+            )
         effects.check_int("gap", self.gap, 1, 2**32 - 1)
         effects.check_int("rate", self.rate_bit_s, 0, units.MAX_RATE_BIT_S)
         effects.check_int("rate overhead", self.overhead, -(2**31), 2**31 - 1)

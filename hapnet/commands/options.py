@@ -160,7 +160,9 @@ def _from(flag: str) -> Iterator[None]:
         yield
     except NetemError as error:
         word, _, rest = str(error).partition(": ")
-        raise HapnetError(f"{flag}: {rest if word in (flag.rpartition('-')[2], 'profile') else error}") from None
+        known = flag.rpartition("-")[2]
+        rest = f"{given}: {rest}" if (given := word.removeprefix(f"{known} ")) != word else rest
+        raise HapnetError(f"{flag}: {rest if word.partition(' ')[0] in (known, 'profile') else error}") from None
 
 
 OneWay = Annotated[LinkOptions, Without("uplink", "downlink", "up_timeline", "down_timeline")]

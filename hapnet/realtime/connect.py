@@ -217,7 +217,7 @@ class _Connection(NamedTuple):
             return ZenohSettings(connect=connect, listen=listen, multicast_scouting=not (connect or listen))
         for name, given in (("connect", connect), ("listen", listen)):
             if given:
-                raise InvalidParameter(name, given, "", why=f"give {name} inside zenoh, or leave zenoh out")
+                raise InvalidParameter(name, " ".join(given), "", why=f"give {name} inside zenoh, or leave zenoh out")
         return self.zenoh
 
 

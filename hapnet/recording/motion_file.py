@@ -49,7 +49,8 @@ def read_columns(name: str, columns: str = "") -> dict[str, Array]:
         used = _used(name, names, columns)
         table = [numbers for row in rows if (numbers := _numbers(name, rows.line_num, row, used, delimiter))]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _refused(name, str(error.strerror if isinstance(error, OSError) else error)) from None
+        why = error.strerror if isinstance(error, OSError) else error
+        raise _refused(name, f"this CSV file cannot be read ({why})") from None
     lines = [line for line, _ in table]
     if len(table) < 2:
         raise _refused(name, f"{len(table)} rows of numbers; at least 2 are needed, below a heading with {_WANTED}")

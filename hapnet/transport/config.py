@@ -137,10 +137,8 @@ def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
         insert("transport/unicast/qos/enabled", False)  # Zenoh refuses to open with both
     nowhere = all(_endpoints(config, side) == [] for side in ("connect", "listen"))
     if nowhere and not scouts(config):
-        why = (
-            "there is nowhere to connect to: give an endpoint to dial (-e) or to listen on (-l), or scout by multicast"
-        )
-        raise InvalidParameter("connect", settings.connect, "", why=why)
+        why = "give an endpoint to dial (-e) or to listen on (-l), or allow multicast scouting"
+        raise InvalidParameter("connect and listen", "are empty", "", why=why)
     _check_security(settings.security, config)
     return config
 

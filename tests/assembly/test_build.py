@@ -197,7 +197,7 @@ def test_parameters_that_the_scene_does_not_read_are_refused(scene: str, name: s
     if read:
         assert setup_of(scene=scene, **{f"world.{name}": 0.06}).warnings == ()
     else:
-        said = f"^world.{name} is 0.06; allowed: left out: the scene {scene} does not read it$"
+        said = f"^world.{name} 0.06: the scene {scene} does not read it; leave it out$"
         with pytest.raises(InvalidParameter, match=said):
             setup_of(scene=scene, **{f"world.{name}": 0.06})
     assert setup_of(scene=scene).warnings == ()

@@ -89,7 +89,7 @@ def test_the_schema_of_parameters_is_printed_and_asked_for_with_them(capsys: Cap
     assert cli.main(["simulate", "--show-params", "--schema", "--dof", "2"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["dof"]["default"] == 2
     assert cli.main(["simulate", "--schema"]) == 2
-    assert capsys.readouterr().err == "hapnet: --schema is 'given alone'; allowed: with --show-params\n"
+    assert capsys.readouterr().err == "hapnet: --schema alone: it needs --show-params\n"
 
 
 def test_what_overrides_what(capsys: Capture, tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_reproduce_says_that_numbers_are_reconstructed(figure: str, capsys: Capt
 def test_what_the_scene_does_not_read_is_refused(capsys: Capture) -> None:
     assert cli.main([*QUICK, "--scene", "free", "--set", "world.wall.stiffness=30000"]) == 2
     out, err = capsys.readouterr()
-    said = "world.wall.stiffness is 30000.0; allowed: left out: the scene free does not read it"
+    said = "world.wall.stiffness 30000.0: the scene free does not read it; leave it out"
     assert (out, err) == ("", f"hapnet: --set: {said}\n")
 
 

@@ -59,7 +59,7 @@ def test_its_words_are_read_and_written(used: dict[str, Any]) -> None:
     assert used["again"]
     for said, why in zip(
         used["refused"],
-        ("a length between", "a value after handover", "each word once", "did you mean handover"),
+        ("a length between", "a value after handover", "it is given twice", "did you mean handover"),
         strict=True,
     ):
         assert why in said

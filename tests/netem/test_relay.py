@@ -167,7 +167,7 @@ async def test_bad_addresses_are_refused() -> None:
         used = format_address(taken.getsockname())
         with pytest.raises(NetemError, match=r"listen: cannot listen on .*in use"):
             UdpRelay(used, "127.0.0.1:9", NOTHING, NOTHING)
-    with pytest.raises(NetemError, match="another address"):
+    with pytest.raises(NetemError, match="is the address that is listened on; give another"):
         UdpRelay("127.0.0.1:9", "127.0.0.1:9", NOTHING, NOTHING)
     with pytest.raises(NetemError, match="a port from 1"):
         UdpRelay("127.0.0.1:0", "127.0.0.1:0", NOTHING, NOTHING)

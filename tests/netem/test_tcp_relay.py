@@ -191,7 +191,7 @@ async def test_clients_above_the_limit_are_refused() -> None:
 
 async def test_what_cannot_be_is_said() -> None:
     plain = LinkProfile()
-    with pytest.raises(NetemError, match="another address"):
+    with pytest.raises(NetemError, match="is the address that is listened on; give another"):
         TcpRelay("127.0.0.1:5000", "127.0.0.1:5000", plain, plain)
     with pytest.raises(NetemError, match="corrupt"):
         TcpRelay("127.0.0.1:0", "127.0.0.1:5000", LinkProfile.parse("corrupt 1%"), plain)

@@ -364,7 +364,7 @@ def test_files_that_are_not_there_are_named(words: str) -> None:
 
 def test_a_trace_excludes_a_rate(tmp_path: Path) -> None:
     (tmp_path / "t").write_text("1\n")
-    with pytest.raises(ProfileError, match="either a trace or a rate"):
+    with pytest.raises(ProfileError, match="a trace sets the rate; leave rate out"):
         LinkProfile.parse(f"rate 1mbit trace {tmp_path}/t")
 
 

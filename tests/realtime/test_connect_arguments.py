@@ -29,7 +29,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"connect": "tcp/x"}, "^connect is 'tcp/x'; allowed: PROTOCOL/ADDRESS:PORT"),
     ({"listen": "here"}, "^listen is 'here'"),
     ({"zenoh": "peer"}, "^zenoh is 'peer'"),
-    ({"zenoh": ZenohSettings(connect=(NOBODY,)), "listen": NOBODY}, "listen only without zenoh"),
+    ({"zenoh": ZenohSettings(connect=(NOBODY,)), "listen": NOBODY}, "give listen inside zenoh, or leave zenoh out"),
     ({"device": 5}, "^device is 5; allowed: simulated, omni, "),
     ({"device": "nowhere:Arm"}, "^device nowhere:Arm: cannot import module 'nowhere'"),
     ({"device": object}, "^device <class 'object'>: the class object has no method read and no method apply"),

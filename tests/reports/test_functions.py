@@ -55,7 +55,7 @@ def test_tables_are_written_beside_the_file_or_where_they_are_wanted(result: Res
     with wanted[0].open(newline="", encoding="utf-8") as text:
         rows = list(csv.DictReader(text))
     assert [float(row["position_m_x"]) for row in rows] == device["position_m"][:, 0].tolist()
-    with pytest.raises(InvalidParameter, match="directory is None; allowed: where the tables go"):
+    with pytest.raises(InvalidParameter, match="directory None: name one for the tables"):
         hapnet.export(result)
     with pytest.raises(InvalidParameter, match="--format is 'csw'; allowed: auto, csv"):
         hapnet.export(result, tmp_path, format="csw")

@@ -53,11 +53,11 @@ def test_a_file_that_is_not_there_or_not_text_is_named(field: str, certificates:
 
 def test_files_that_do_not_go_together(certificates: Path) -> None:
     right = own(certificates, "alice")
-    bad(replace(right, tls_key=None), "--tls-cert is ", "--tls-key FILE")
-    bad(replace(right, tls_cert=None), "--tls-key is ", "--tls-cert FILE")
+    bad(replace(right, tls_key=None), "--tls-cert ", "it needs its key, --tls-key FILE")
+    bad(replace(right, tls_cert=None), "--tls-key ", "it needs its certificate, --tls-cert FILE")
     bad(replace(right, mutual_tls=True, tls_ca=None), "--mutual-tls", "--tls-ca")
     bad(Security(tls_ca=right.tls_ca, mutual_tls=True), "--mutual-tls", "--tls-cert")
-    bad(replace(right, tls_key=certificates / "bob.key"), "--tls-key is ", "the key of ", "alice.pem")
+    bad(replace(right, tls_key=certificates / "bob.key"), "--tls-key ", "it is not the key of ", "alice.pem")
 
 
 def test_files_that_are_something_else(certificates: Path, tmp_path: Path) -> None:
@@ -65,46 +65,46 @@ def test_files_that_are_something_else(certificates: Path, tmp_path: Path) -> No
     for field in ("tls_ca", "tls_cert"):
         flag = "--" + field.replace("_", "-")
         bad(with_file(right, field, certificates / "alice.key"), f"{flag} is ", "a certificate in PEM")
-    bad(replace(right, tls_key=right.tls_cert), "--tls-key is ", "a private key, PEM, no passphrase")
+    bad(replace(right, tls_key=right.tls_cert), "--tls-key ", "it is not a private key in PEM without a passphrase")
     locked = tmp_path / "locked.key"
     command = ["openssl", "ec", "-in", str(right.tls_key), "-aes256", "-passout", "pass:abcd", "-out", str(locked)]
     if shutil.which("openssl"):
         subprocess.run(command, check=True, capture_output=True)
-        bad(replace(right, tls_key=locked), "--tls-key is ", "no passphrase")
+        bad(replace(right, tls_key=locked), "--tls-key ", "without a passphrase")
 
 
 def test_a_certificate_that_has_expired(tmp_path: Path) -> None:
     authority = issue("authority", [], 1.0)
     save(tmp_path, "ca", authority)
     save(tmp_path, "alice", issue("alice", ["alice"], -0.001, authority))
-    bad(own(tmp_path, "alice"), "--tls-cert is ", "alice.pem", "has expired")
+    bad(own(tmp_path, "alice"), "--tls-cert ", "alice.pem", "the certificate has expired")
 
 
 def test_users_and_passwords(users: Path, tmp_path: Path) -> None:
-    bad(Security(user="alice"), "--user is 'alice'", "--password-file FILE", "HAPNET_PASSWORD")
-    bad(Security(password_file=users), "--password-file is ", "--user NAME")
+    bad(Security(user="alice"), "--user alice: it needs its password", "--password-file FILE", "HAPNET_PASSWORD")
+    bad(Security(password_file=users), "--password-file ", "--user NAME")
     bad(Security(user="a:b", password="x"), "--user is 'a:b'", "without spaces and colons")
     empty = tmp_path / "empty"
     empty.write_text("\n", "utf-8")
-    bad(Security(user="alice", password_file=empty), "--user is 'alice'", "--password-file")
+    bad(Security(user="alice", password_file=empty), "--user alice: it needs its password", "--password-file")
     Security(password="not used without a user").check()
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "it has none"),
-        ("alice:secret\nbob\n", "line 2 is not that"),
-        ("alice:secret\n\nbob:b\n", "line 2 is not that"),
-        ("# alice:secret\n", "line 1 is not that"),
-        ("alice:\n", "line 1 is not that"),
-        (":secret\n", "line 1 is not that"),
+        ("", "it is empty; write lines user:password"),
+        ("alice:secret\nbob\n", "line 2 is not user:password"),
+        ("alice:secret\n\nbob:b\n", "line 2 is not user:password"),
+        ("# alice:secret\n", "line 1 is not user:password"),
+        ("alice:\n", "line 1 is not user:password"),
+        (":secret\n", "line 1 is not user:password"),
         ("alice:secret\nalice:other\n", "line 2 names a user again"),
     ],
 )
 def test_a_users_file_that_is_malformed(text: str, says: str, users: Path) -> None:
     users.write_text(text, "utf-8")
-    bad(Security(users=users), "--users is ", "lines user:password", says)
+    bad(Security(users=users), "--users ", says)
     with pytest.raises(InvalidParameter) as raised:
         Security(users=users).check()
     assert "secret" not in str(raised.value)  # nor any other line of it
@@ -171,14 +171,17 @@ def test_flags_that_do_not_fit_the_endpoints(certificates: Path, users: Path, tm
         (ZenohSettings(config=str(by_file), security=own(certificates, "world")), "listen is 'tcp/127.0.0.1:1'"),
         (ZenohSettings(cfg=(group,), security=by_cfg), "connect is 'udp/127.0.0.1:1'; allowed: tls/ or quic/ ADDR"),
         (ZenohSettings(multicast_scouting=True, security=ca), "listen is 'tcp/127.0.0.1:0'; allowed: tls/"),
-        (ZenohSettings(listen=("tls/127.0.0.1:1",)), "--tls-cert is None; allowed: a certificate and --tls-key"),
-        (ZenohSettings(listen=("quic/127.0.0.1:1",), security=ca), "--tls-cert is None"),
+        (ZenohSettings(listen=("tls/127.0.0.1:1",)), "it needs a certificate: --tls-cert and --tls-key"),
+        (ZenohSettings(listen=("quic/127.0.0.1:1",), security=ca), "it needs a certificate: --tls-cert"),
         (
             ZenohSettings(listen=("tls/127.0.0.1:1",), security=own(certificates, "world")),
-            "with --mutual-tls on a side",
+            "a side that only listens checks certificates with --mutual-tls only",
         ),
-        (ZenohSettings(connect=("tcp/127.0.0.1:1",), security=Security(users=users)), "on the side that listens"),
-        (ZenohSettings(listen=("tcp/127.0.0.1:1",), security=alice), "--user is 'alice'; allowed: on the side that d"),
+        (
+            ZenohSettings(connect=("tcp/127.0.0.1:1",), security=Security(users=users)),
+            "it belongs to the side that listens",
+        ),
+        (ZenohSettings(listen=("tcp/127.0.0.1:1",), security=alice), "--user alice: it belongs to the side that dials"),
     )
     for settings, says in cases:
         with pytest.raises(InvalidParameter) as raised:
@@ -283,7 +286,7 @@ def test_a_password_comes_from_the_environment_and_is_nowhere_on_the_command_lin
     assert "HAPNET_PASSWORD" in capsys.readouterr().err
     monkeypatch.setenv("HAPNET_PASSWORD", "secret")
     assert cli.main(argv) == 2
-    assert "on the side that dials" in capsys.readouterr().err  # the password was found
+    assert "it belongs to the side that dials" in capsys.readouterr().err  # the password was found
     assert cli.main([*argv, "--password", "secret"]) == 2
     assert "No such option" in capsys.readouterr().err
 

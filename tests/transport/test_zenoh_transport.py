@@ -86,7 +86,7 @@ async def test_without_endpoints_two_sides_find_each_other_and_only_this_machine
         (ZenohSettings(connect=("tcp/127.0.0.1",)), "connect is 'tcp/127.0.0.1'"),
         (ZenohSettings(listen=("tcp/127.0.0.1:99999",)), "listen is 'tcp/127.0.0.1:99999'"),
         (ZenohSettings(listen=("foo/127.0.0.1:1",)), "listen is 'foo/127.0.0.1:1'"),
-        (ZenohSettings(), "connect is (); allowed: an endpoint to dial or to listen on, or multicast scouting"),
+        (ZenohSettings(), "connect and listen are empty: give an endpoint to dial (-e) or to listen on (-l)"),
         (
             ZenohSettings(listen=("tcp/[::1]:1",), cfg=("nosuch/key:1",)),
             "cfg is 'nosuch/key:1'; allowed: KEY:JSON5 that",

@@ -125,7 +125,7 @@ def test_what_is_no_recording_is_one_line(tmp_path: Path, capsys: pytest.Capture
     for files, says in (
         ([str(bad)], "is not a recording"),
         (["a", "b", "c"], "one recording, or the device's"),
-        (["a", "-e", "tcp/127.0.0.1:1"], "left out to watch a running pair"),
+        (["a", "-e", "tcp/127.0.0.1:1"], "leave it out to watch a running pair"),
     ):
         assert cli.main(["view", *files]) == 2
         err = capsys.readouterr().err

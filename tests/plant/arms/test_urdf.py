@@ -91,14 +91,19 @@ def test_limits_and_home() -> None:
         ("", "", "", "the tip of test.urdf is ''"),
         ("", "", "nose", "the tip of test.urdf is 'nose'; allowed: .tip=LINK of fore"),
         ("", "", "jaw", "the type of test.urdf's joint grip is 'prismatic'"),
-        ("", "", "plate", "the tip of test.urdf is 'plate'; allowed: a link that a joint moves"),
-        ("</robot>", "", "tip", "URDF .no element found"),
-        ("robot", "sdf", "tip", "whose root is <robot>"),
+        ("", "", "plate", "the arm test.urdf: no joint moves its tip, the link plate"),
+        ("</robot>", "", "tip", "the arm test.urdf: it is not a URDF: its XML is broken .no element found"),
+        ("robot", "sdf", "tip", "its root is <sdf>; that of a URDF is <robot>"),
         ('effort="7"', 'effort="much"', "tip", "effort in test.urdf is 'much'"),
         ('xyz="0 0.6 0.8"', 'xyz="0 0.6"', "tip", "xyz in test.urdf is '0 0.6'; allowed: three numbers"),
-        ('<parent link="fore"/><child link="hand"/>', '<parent link="arm"/><child link="hand"/>', "tip", "is 'arm'"),
-        (body(0.2, "0.01 0 0.02"), "", "tip", "the link of test.urdf's joint wrist is 'hand'; allowed: .*<inertial>"),
-        ('<child link="jaw"/>', '<child link="motor"/>', "tip", "is 'motor'; allowed: a chain, without a loop"),
+        (
+            '<parent link="fore"/><child link="hand"/>',
+            '<parent link="arm"/><child link="hand"/>',
+            "tip",
+            "joint wrist names the link 'arm', which the file does not have",
+        ),
+        (body(0.2, "0.01 0 0.02"), "", "tip", "the link hand, which joint wrist moves, has no mass: add an <inertial>"),
+        ('<child link="jaw"/>', '<child link="motor"/>', "tip", "the link motor is the child of two joints"),
     ],
 )
 def test_what_is_no_arm_is_refused(old: str, new: str, tip: str, message: str) -> None:
@@ -106,11 +111,18 @@ def test_what_is_no_arm_is_refused(old: str, new: str, tip: str, message: str) -
         table_from(ARM.replace(old, new) if old else ARM, "test.urdf", tip)
 
 
+def test_two_joints_of_one_name_with_one_child_are_named() -> None:
+    """A joint that was copied: `its joints go round` would be the wrong reason."""
+    twice = '<joint name="end" type="fixed"><parent link="hand"/><child link="tip"/></joint></robot>'
+    with pytest.raises(InvalidParameter, match=r"the arm test\.urdf: the link tip is the child of two joints, "):
+        table_from(ARM.replace("</robot>", twice), "test.urdf", "tip")
+
+
 def test_joints_that_go_round_are_refused() -> None:
     ring = '<robot name="r"><link name="a"/><link name="b"/>' + "".join(
         f'<joint name="{a}{b}" type="revolute"><parent link="{a}"/><child link="{b}"/></joint>' for a, b in ("ab", "ba")
     )
-    with pytest.raises(InvalidParameter, match="without a loop"):
+    with pytest.raises(InvalidParameter, match=r"the arm ring\.urdf: its joints go round in a loop at the link a"):
         table_from(ring + "</robot>", "ring.urdf", "a")
 
 
@@ -120,10 +132,10 @@ def test_a_loop_beside_the_chain_is_refused() -> None:
         f'<link name="{b}"/><joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
         for a, b in ("hx", "xy", "yx")
     ).replace('"h"', '"hand"')
-    with pytest.raises(InvalidParameter, match="without a loop"):
+    with pytest.raises(InvalidParameter, match="is the child of two joints"):
         table_from(ARM.replace("</robot>", loop + "</robot>"), "test.urdf", "tip")
     back = '<joint name="back" type="fixed"><parent link="tip"/><child link="base"/></joint></robot>'
-    with pytest.raises(InvalidParameter, match="without a loop"):
+    with pytest.raises(InvalidParameter, match=r"in a loop at the link|is the child of two joints"):
         table_from(ARM.replace("</robot>", back), "test.urdf", "tip", "plate")
 
 

@@ -78,7 +78,7 @@ def test_a_part_without_volume_is_left_out() -> None:
     _, corners, said = joined(*both)
     assert len(corners) == 12
     assert "1 without volume left out" in said
-    with pytest.raises(InvalidParameter, match="without volume"):
+    with pytest.raises(InvalidParameter, match="none of them encloses a volume"):
         joined(sheet, np.array([(0, 1, 2), (0, 2, 1)]))
 
 

@@ -88,7 +88,7 @@ def workers_of(console: Console, workers: int, dask: str | None) -> Callable[[in
     if dask is None:
         return lambda cases: backends.local_workers(min(workers or usable_cores(), cases))
     if workers:
-        raise InvalidParameter("--workers", workers, "", why="the cluster of --dask has its own; leave it out")
+        raise InvalidParameter("--workers", workers, "", why="with --dask the cluster has its own; leave it out")
 
     def cluster(_: int) -> Backend:
         from hapnet.ext.study.cluster import DaskCluster
