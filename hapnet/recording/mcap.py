@@ -371,11 +371,11 @@ def repair(path: str | os.PathLike[str]) -> Path:
         writer = _mcap_writer(file)
         writer.start()
         definitions = [r for r in Records(source) if isinstance(r, Schema | Channel)]  # the first ones may be damaged
-        for r in sorted(definitions, key=lambda r: isinstance(r, Channel)):
-            if isinstance(r, Schema) and r.id not in known:
-                known[r.id] = writer.register_schema(r.name, r.encoding, r.data)
-            elif isinstance(r, Channel) and r.id not in channels and r.schema_id in known:
-                channels[r.id] = writer.register_channel(r.topic, r.message_encoding, known[r.schema_id], r.metadata)
+        for d in sorted(definitions, key=lambda d: isinstance(d, Channel)):
+            if isinstance(d, Schema) and d.id not in known:
+                known[d.id] = writer.register_schema(d.name, d.encoding, d.data)
+            elif isinstance(d, Channel) and d.id not in channels and d.schema_id in known:
+                channels[d.id] = writer.register_channel(d.topic, d.message_encoding, known[d.schema_id], d.metadata)
         for r in Records(source):
             if isinstance(r, Message) and r.channel_id in channels:
                 writer.add_message(channels[r.channel_id], r.log_time, r.data, r.publish_time, r.sequence)

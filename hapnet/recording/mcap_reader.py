@@ -35,7 +35,7 @@ CHECKSUM = "crc32"
 _WINDOW = 32 << 20  # largest window of zstd [bytes]
 _RECORD = struct.Struct("<BQ")  # opcode and length
 _LONG = struct.Struct("<I")
-_MESSAGE, _INDEX, _DATA_END, _FOOTER = 0x05, 0x07, 0x0F, b"\x02\x14" + bytes(7)
+_INDEX, _DATA_END, _FOOTER = 0x07, 0x0F, b"\x02\x14" + bytes(7)
 _END_BYTES = _RECORD.size + 20 + len(MCAP)  # footer and magic
 _LATE_START = 1 << 20  # a damaged beginning is searched for the first record up to here [bytes]
 
@@ -141,12 +141,16 @@ class Records:
     def _content(self, opcode: int, data: bytes) -> list[McapRecord]:
         from mcap import records as kinds
         from mcap.data_stream import ReadDataStream
-        from mcap.opcode import Opcode
 
-        stream, kind = ReadDataStream(BytesIO(data)), Opcode(opcode)  # ValueError for an unknown opcode
-        if opcode == _MESSAGE:
-            raise ValueError("a message outside a chunk")
-        record = getattr(kinds, kind.name.title().replace("_", "")).read(stream)
+        found = (
+            kinds.Header, kinds.Footer, kinds.Schema, kinds.Channel, None, kinds.Chunk, None, kinds.ChunkIndex,
+            kinds.Attachment, kinds.AttachmentIndex, kinds.Statistics, kinds.Metadata, kinds.MetadataIndex,
+            kinds.SummaryOffset, kinds.DataEnd,
+        )  # by opcode, from 1; messages are in chunks only  # fmt: skip
+        if not 1 <= opcode <= len(found) or (kind := found[opcode - 1]) is None:
+            raise ValueError("a record that does not belong here")
+        stream = ReadDataStream(BytesIO(data))
+        record: Any = kind.read(stream)
         if stream.count != len(data):
             raise ValueError("a record of another length than its content")
         if isinstance(record, kinds.Chunk):

@@ -1,4 +1,4 @@
-"""What is missing in a recording that is damaged or has no end, in one line for the commands that read it."""
+"""Describes the missing parts of a recording that is damaged or has no end, in one line."""
 
 from __future__ import annotations
 

@@ -52,8 +52,8 @@ def read_motion(
     if "pressure" in table:
         down = table.get("pen_down", np.ones_like(t)) > 0.0
         depth = np.where(down, -press_depth * table["pressure"], hover)
-        columns = [table["x_m"], table["y_m"]] if "y_m" in table else [table["x_m"]]
-        grid, planar, lifted = _resample(t, np.column_stack(columns))
+        across = [table["x_m"], table["y_m"]] if "y_m" in table else [table["x_m"]]
+        grid, planar, lifted = _resample(t, np.column_stack(across))
         height = np.where(lifted, hover, np.interp(grid, t, depth))
         waiting = round(_PEN_S / _GRID_S)  # lifted at both ends, so that the pen is lowered and lifted
         planar = np.pad(planar, ((waiting, waiting), (0, 0)), mode="edge")

@@ -96,7 +96,7 @@ def why_unanswered(settings: ZenohSettings, timeout_s: float) -> str | None:
 
 
 def _why_nobody_came(listens: Sequence[str], *, scouts: bool) -> str | None:
-    """What the other side needs to reach this one, which dials nobody."""
+    """Describe how the other side can reach this one, which dials nobody."""
     if scouts:
         return (
             "no node answers by multicast, which many networks block: start one side with -l tcp/0.0.0.0:17447, and "

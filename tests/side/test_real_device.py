@@ -159,31 +159,6 @@ def test_a_device_that_gave_no_reading_after_it_was_opened_fails_and_its_run_is_
         side.tick(now_ns)
 
 
-def test_a_device_that_is_silent_from_its_first_force_on_fails_and_the_line_says_what_is_missing() -> None:
-    """Its first readings came, before it had a force to render; a silence before that may last."""
-    setup, now_ns = prepare(PAPER.set({"hardware": "tests.side.test_real_device:Arm", "scene": "free"})), 0
-    side = device_side(setup, DeviceEndpoint(device_session(setup, 1)), lambda: now_ns, lambda sample: None)
-    assert isinstance(side, RealDeviceSide)
-    arm = side.device.device
-    side.tick(now_ns)
-    arm.silent = True  # type: ignore[attr-defined]
-    for now_ns in range(0, round(3 * FIRST_READING_S * 1e9), 100 * MS):
-        side.tick(now_ns)
-    arm.silent = False  # type: ignore[attr-defined]
-    side.endpoint.paired = True
-    for _ in range(3):
-        now_ns += 2 * MS
-        side.tick(now_ns)
-    assert side.origin_ns is None, "the handle is still pushed"
-    arm.silent, heard_ns = True, now_ns  # type: ignore[attr-defined]
-    while now_ns < heard_ns + round(FIRST_READING_S * 1e9) - 100 * MS:
-        now_ns += 100 * MS
-        side.tick(now_ns)
-    now_ns += 200 * MS
-    with pytest.raises(HapnetError, match="Arm failed: no reading for 10 s, and the force had not begun: no answer"):
-        side.tick(now_ns)
-
-
 @pytest.mark.parametrize("to", [-0.03, 0.03])
 def test_what_a_silence_hid_never_counts_as_energy_taken_in(to: float) -> None:
     """2 N towards +x. Going on to -x would have taken energy in, had the force still acted: that does not count. Going
