@@ -99,8 +99,8 @@ def _why_nobody_came(listens: Sequence[str], *, scouts: bool) -> str | None:
     """Describe how the other side can reach this one, which dials nobody."""
     if scouts:
         return (
-            "no node answers by multicast, which many networks block: start one side with -l tcp/0.0.0.0:17447, and "
-            "the other with -e tcp/HOST:17447"
+            "no node answers by multicast: if the other side runs, a network blocks it; then give one side "
+            "-l tcp/0.0.0.0:17447, and the other -e tcp/HOST:17447"
         )
     hosts = [
         host_and_port(endpoint.partition("/")[2])[0] for endpoint in listens if not endpoint.startswith("unixsock-")
