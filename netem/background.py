@@ -89,7 +89,7 @@ class BackgroundRelay:
 
         def cut() -> None:
             if not isinstance(self._relay, TcpRelay):
-                raise NetemError(f"cut: {how!r} is not allowed; allowed: only with protocol='tcp'")
+                raise NetemError(f"cut: {how!r} is for TCP connections, and this relay has UDP: use protocol='tcp'")
             self._relay.cut(how)
 
         self._on_loop(cut)

@@ -198,7 +198,9 @@ def _condition(path: str, every_ns: int) -> ConditionTrace:
     if _first(path, "csv", 1):
         return _load("csv", path, lambda lines: _delays(path, every_ns or EVERY_NS, lines))
     if every_ns:
-        raise ProfileError("csv every", units.format_time(every_ns), "only for a file with one delay per line")
+        raise ProfileError(
+            "csv every", units.format_time(every_ns), "", why="the file has times of its own; leave every out"
+        )
     return _load("csv", path, lambda lines: ConditionTrace(path, *_conditions(path, lines)))
 
 

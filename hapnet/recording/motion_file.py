@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -28,6 +27,7 @@ _KNOWN: Mapping[str, tuple[str, float]] = {
 
 _WANTED = "time_s and x_m (or time_ms, x_mm, ...), and y_m, z_m, pressure, pen_down if there are any"
 _LARGEST = 16 << 20  # of a file [bytes]
+_HUGE = 1e12  # a number, in any unit
 _LONGEST_S, _SPARSE_S, _ROW_S = 3600.0, 60.0, 1.0  # longest motion: in all; with few rows; per row, if that is more
 _SHORTEST_S = 0.05
 _SLOW_MPS, _SLOW_ROWS, _SLOW_S = 5e-3, 50, 0.25  # no hand that is recorded by many rows moves as slowly as this
@@ -104,8 +104,8 @@ def _numbers(
     for quantity, _, place in used:
         cell = row[place].strip() if place < len(row) else ""
         text = cell.replace(",", ".") if delimiter != "," else cell
-        if not _is_number(text) or not math.isfinite(float(text)):
-            what = "is missing" if not cell else f"is {cell[:40]!r}, not a finite number"
+        if not _is_number(text) or not abs(float(text)) < _HUGE:
+            what = "is missing" if not cell else f"is {cell[:40]!r}, not a finite number below {_HUGE:g}"
             raise _refused(name, f"line {line}: {quantity} {what}")
         numbers.append(float(text))
     return line, numbers

@@ -75,7 +75,7 @@ def test_a_table_of_iproute2(tmp_path: Path) -> None:
         assert np.quantile(found, share) == pytest.approx(np.quantile(asked, share), rel=0.01)
     slotted = LinkProfile.parse(f"slot distribution {path} 5ms 1ms")
     assert LinkProfile.parse(str(slotted)) == slotted
-    with pytest.raises(ProfileError, match="only after a delay with jitter"):
+    with pytest.raises(ProfileError, match="it needs a delay with jitter before it"):
         LinkProfile.parse(path)
 
 
@@ -274,7 +274,7 @@ def test_a_malformed_line_is_named(
     [
         ("distribution {}", "", "at least one line"),
         ("trace {}", "0 0\n1 0\n", "a rate above 0"),
-        ("csv {} every 5ms", "time_s,delay_ms\n0,20\n", "only for a file with one delay per line"),
+        ("csv {} every 5ms", "time_s,delay_ms\n0,20\n", "the file has times of its own; leave every out"),
         ("{}", "", "a file of one kind"),
         ("distribution {}x", "1\n", "or a file"),
         ("limit bytes 0", "", "from 1 to"),

@@ -111,11 +111,11 @@ def checked(file: str, places: Array, tets: Indices) -> tuple[Array, Indices]:
         raise InvalidParameter("soft", f"{file}, {extent:.3g} m", allowed)
     volumes = np.abs(np.linalg.det(places[tets[:, 1:]] - places[tets[:, :1]]))
     if not volumes.sum() > _FLAT * extent**3:
-        raise InvalidParameter("soft", f"{file}, whose tetrahedra have no volume", "a body with a volume")
+        raise InvalidParameter("soft", file, "", why="its tetrahedra have no volume")
     tets = tets[volumes > _FLAT * volumes.mean()]
     if crowded := _crowded_faces(places, tets, extent):
-        value = f"{file}, where {crowded} faces belong to three tetrahedra or more"
-        raise InvalidParameter("soft", value, "each tetrahedron once: a face belongs to one or two")
+        why = f"{crowded} faces belong to three tetrahedra or more; is a tetrahedron in the file twice?"
+        raise InvalidParameter("soft", file, "", why=why)
     used, numbers = np.unique(tets, return_inverse=True)
     places = places[used]
     return places, oriented(places, numbers.reshape(-1, 4))
