@@ -32,8 +32,8 @@ def refusal(file: str, columns: str = "") -> str:
     [
         ((0.03, ""), "line 5: x_m is missing"),
         ((0.03,), "line 5: x_m is missing"),
-        ((0.03, "nan"), "line 5: x_m is 'nan', not a finite number"),
-        ((0.03, "1.2.3"), "line 5: x_m is '1.2.3', not a finite number"),
+        ((0.03, "nan"), "line 5: x_m is 'nan', not a finite number below 1e+12"),
+        ((0.03, "1.2.3"), "line 5: x_m is '1.2.3', not a finite number below 1e+12"),
         ((0.01, 0.0), "line 5: its time, 0.01 s, is not after the one before, 0.02 s"),
         ((0.02, 0.0), "line 5: its time, 0.02 s, is not after the one before, 0.02 s"),
     ],
