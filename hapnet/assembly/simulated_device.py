@@ -39,6 +39,11 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
     return device
 
 
+def device_warnings(params: Params) -> tuple[str, ...]:
+    """Warnings for the user about a simulated device: what an arm's file has that is not used or looks wrong."""
+    return tuple(extension("arms").warnings(params)) if is_arm(params.hardware) else ()
+
+
 def real_time_warnings(params: Params) -> tuple[str, ...]:
     """Warnings for the user of a device's side, shown before control starts."""
     return tuple(extension("arms").real_time_warnings(params)) if is_arm(params.hardware) else ()

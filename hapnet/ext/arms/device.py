@@ -61,7 +61,7 @@ class SimulatedArm(SimulatedDevice):
         self.table = table
         self.arm = arm_of(table, operator.impedance, period, substeps, compensated=compensated, by_joints=by_joints)
         # at the tip no axis errs by more than half a resolution
-        self._per_count = resolution if by_joints else resolution / added(table.reaches)
+        self._per_count = resolution if by_joints else resolution / (added(table.reaches) or 1.0)
         self._require_strength()
         self.compiled: Callable[[Vector, Vector], float] | None = None
         """A compiled tick of `arm`, for the hand's reference at its begin and end; None: Python runs the ticks."""

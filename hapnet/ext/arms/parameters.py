@@ -17,6 +17,7 @@ from hapnet.assembly.choices import Choice, Contribution
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
+from hapnet.ext.arms.home import remarks
 from hapnet.ext.arms.picture import ArmPicture, described
 from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping, omni
 from hapnet.ext.arms.urdf import table_from
@@ -111,6 +112,12 @@ def simulated_arm(params: Params, hand: Operator) -> SimulatedArm:
             resolution=device.resolution_m, force_limit=device.force_limit_N or None,
             by_joints=by_joints(params.hardware),
         )  # fmt: skip
+
+
+def warnings(params: Params) -> tuple[str, ...]:
+    """Lines for the user on the arm's file and its home. Raises InvalidParameter: as `table_of`."""
+    table = table_of(params.hardware)
+    return table.remarks if by_joints(params.hardware) else table.remarks + remarks(table)
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:

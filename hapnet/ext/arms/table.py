@@ -58,6 +58,7 @@ class ArmTable:
     """An arm: its joints from the base on, the tip in the last joint's frame [m], and a posture within its stops.
 
     home : q there [rad]; the tip is then at the origin of the device's positions. gamma : gravity [m/s^2].
+    remarks : lines for the user on what its file has that is not used or looks wrong.
     """
 
     name: str
@@ -65,6 +66,7 @@ class ArmTable:
     tip: Vector
     home: Vector
     gamma: Vector = (0.0, 0.0, -GRAVITY_MPS2)
+    remarks: tuple[str, ...] = ()
 
     @property
     def reaches(self) -> list[float]:

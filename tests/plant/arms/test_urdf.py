@@ -9,7 +9,7 @@ import pytest
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import difference, gravity, matrices
 from hapnet.ext.arms.parameters import arm_values, table_of
-from hapnet.ext.arms.table import apparent_masses, chain_of, felt_damping
+from hapnet.ext.arms.table import apparent_masses, chain_of, felt_damping, home_of
 from hapnet.ext.arms.urdf import table_from
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
@@ -74,13 +74,13 @@ def test_the_arm_is_mujocos() -> None:
 
 
 def test_limits_and_home() -> None:
-    """An effort or a velocity of 0 is none; home is the middle between the stops, or what is asked for."""
+    """An effort or a velocity of 0 is none; the middle between the stops; home is what is asked for."""
     shoulder, elbow, wrist = table_from(ARM, "test.urdf", "tip").joints
     assert (shoulder.lower, shoulder.upper, shoulder.effort, shoulder.speed) == (-1.5, 2.0, 7.0, 3.0)
     assert (shoulder.damping, shoulder.friction) == (0.1, 0.02)
     assert (elbow.lower, elbow.upper, elbow.effort) == (-math.inf, math.inf, math.inf)
     assert (wrist.effort, wrist.speed, wrist.axis) == (math.inf, math.inf, (1.0, 0.0, 0.0))
-    assert table_from(ARM, "test.urdf", "tip").home == (0.25, 0.0, 0.0)
+    assert home_of((shoulder, elbow, wrist)) == (0.25, 0.0, 0.0)
     assert table_from(ARM, "test.urdf", "tip", home=(0.1, 0.2, 0.3)).home == (0.1, 0.2, 0.3)
     assert [joint.name for joint in table_from(ARM, "test.urdf", "tip", "motor").joints] == ["elbow", "wrist"]
 
@@ -116,8 +116,8 @@ def test_joints_that_go_round_are_refused() -> None:
 
 def test_a_loop_beside_the_chain_is_refused() -> None:
     """Links that are fixed to one another, of which two have the same child; and a loop through the base."""
-    loop = "".join(
-        f'<link name="{b}"/><joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+    loop = '<link name="x"/><link name="y"/>' + "".join(
+        f'<joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
         for a, b in ("hx", "xy", "yx")
     ).replace('"h"', '"hand"')
     with pytest.raises(InvalidParameter, match="without a loop"):
