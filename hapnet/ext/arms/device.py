@@ -58,10 +58,12 @@ class SimulatedArm(SimulatedDevice):
         if self.dof != (axes := len(table.joints) if by_joints else TIP_AXES):
             raise InvalidParameter("dof", self.dof, f"{axes}, the {'joints of' if by_joints else 'axes of the tip of'} "
                                    f"{table.name}")  # fmt: skip
+        if by_joints:
+            require_hinges(table)
         self.table = table
         self.arm = arm_of(table, operator.impedance, period, substeps, compensated=compensated, by_joints=by_joints)
         # at the tip no axis errs by more than half a resolution
-        self._per_count = resolution if by_joints else resolution / (added(table.reaches) or 1.0)
+        self._per_count = resolution if by_joints else resolution / (added(table.levers) or 1.0)
         self._require_strength()
         self.compiled: Callable[[Vector, Vector], float] | None = None
         """A compiled tick of `arm`, for the hand's reference at its begin and end; None: Python runs the ticks."""
@@ -73,7 +75,8 @@ class SimulatedArm(SimulatedDevice):
         gravity(arm.chain, arm.q, arm.q, arm.load)
         for joint, load in zip(self.table.joints, arm.load, strict=False):
             if arm.compensated and joint.effort <= abs(load):
-                allowed = f"above {abs(load):.3g} Nm, which the arm's weight needs at home"
+                unit = "N" if joint.slides else "Nm"
+                allowed = f"above {abs(load):.3g} {unit}, which the arm's weight needs at home"
                 raise InvalidParameter(f"the effort of {self.table.name}'s joint {joint.name}", joint.effort, allowed)
 
     @property
@@ -147,6 +150,14 @@ class SimulatedArm(SimulatedDevice):
     def _run(self, begin: Vector, end: Vector) -> float:
         """Do a tick of the arm's record. Returns the hand's work in it [J]."""
         return motion.tick(self.arm, (begin, end), 0) if self.compiled is None else self.compiled(begin, end)
+
+
+def require_hinges(table: ArmTable) -> None:
+    """Raise InvalidParameter if a joint slides: coupled joint by joint, all axes have one unit."""
+    for joint in table.joints:
+        if joint.slides:
+            allowed = "with axes=joints one that turns: joints that slide have another unit"
+            raise InvalidParameter(f"the type of {table.name}'s joint {joint.name}", "prismatic", allowed)
 
 
 def turned(table: ArmTable, position: Vector) -> list[float]:

@@ -49,7 +49,7 @@ def open_home(table: ArmTable) -> Vector:
             ):
                 most, best = found, q
     for i, angle in enumerate(middle):  # turn back each joint that need not turn
-        q = best[:i] + (angle,) + best[i + 1 :]
+        q = (*best[:i], angle, *best[i + 1 :])
         if (
             best != middle
             and _openness(chain, table, q)[rank - 1] >= min(OPEN, most)
@@ -97,9 +97,12 @@ def _shown(way: Array) -> str:
 
 def _near(table: ArmTable, middle: Vector, radius: float, rng: np.random.Generator) -> Vector:
     """A posture within the stops, in which no joint is farther than `radius` from the middle [rad]."""
-    found = []
+    found, reach = [], max(table.reaches)
     for joint, centre in zip(table.joints, middle, strict=True):
-        down, up = (min(radius, _WITHIN * room) for room in (centre - joint.lower, joint.upper - centre))
+        down, up = (
+            min(radius * (reach if joint.slides else 1.0), _WITHIN * room)
+            for room in (centre - joint.lower, joint.upper - centre)
+        )
         angle = centre + float(rng.uniform(-down, up))
         short = round(angle, 2)
         found.append(short if joint.lower <= short <= joint.upper else angle)
@@ -119,10 +122,11 @@ def _openness(chain: Chain, table: ArmTable, q: Vector) -> Array:
 
 
 def _directions(chain: Chain, table: ArmTable, q: Vector) -> tuple[Array, Array]:
-    """The singular values of the tip's Jacobian over the reach, descending, and their directions in the world (3, 3)."""
+    """The singular values of the tip's Jacobian over the reach, descending, and their directions (3, 3)."""
     difference(chain, chain.tip, q, q)
     reach = max(table.reaches)
-    J = np.array(chain.tip.columns)[: chain.n].T / (reach if reach > 0.0 else 1.0)
+    J = np.array(chain.tip.columns)[: chain.n].T
+    J = J / [1.0 if joint.slides or not reach else reach for joint in table.joints]
     directions, values, _ = np.linalg.svd(J)
     return np.append(values, np.zeros(3))[:3], directions.T
 

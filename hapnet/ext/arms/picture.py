@@ -28,9 +28,12 @@ _SLENDER, _THINNEST_M, _THICKEST_M = 0.07, 0.006, 0.03
 
 
 def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
-    """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home."""
+    """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home; the
+    numbers of the joints that slide, if any do."""
     frames = [[list(joint.xyz), list(joint.rpy), list(joint.axis)] for joint in table.joints]
-    return {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
+    slides = [i for i, joint in enumerate(table.joints) if joint.slides]
+    found = {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
+    return {**found, "slides": slides} if slides else found
 
 
 class ArmPicture:
@@ -41,7 +44,15 @@ class ArmPicture:
 
     def __init__(self, described: Mapping[str, Any]) -> None:
         frames = [[_floats(vector) for vector in frame] for frame in described["joints"]]
-        joints = tuple([Joint(str(i), xyz, rpy, axis) for i, (xyz, rpy, axis) in enumerate(frames)])
+        slides = set(map(int, described.get("slides", ())))
+        joints = tuple(
+            [
+                Joint(str(i), xyz, rpy, axis, lower=-1.0, upper=1.0, slides=True)
+                if i in slides
+                else Joint(str(i), xyz, rpy, axis)
+                for i, (xyz, rpy, axis) in enumerate(frames)
+            ]
+        )
         tip, home = _floats(described["tip"]), _floats(described["home"])
         self.by_joints = bool(described["by_joints"])
         self._table = ArmTable("arm", joints, tip, home)

@@ -13,6 +13,9 @@ from hapnet.errors import InvalidParameter
 USED, NAMED, REFUSED, UNNEEDED = "used", "named in a warning", "refused", "not needed"
 """UNNEEDED: motion does not depend on it, and no message names it, whatever it contains."""
 
+DRAKE = "{http://drake.mit.edu}"
+"""The namespace of Drake's tags, as ElementTree writes it; here and on the page they begin with ``drake:``."""
+
 TAGS = {
     "robot@name": UNNEEDED,
     "robot@version": UNNEEDED,
@@ -43,6 +46,7 @@ TAGS = {
     "joint/limit@velocity": USED,
     "joint/dynamics@damping": USED,
     "joint/dynamics@friction": USED,
+    "joint/dynamics@armature": USED,
     "joint/mimic@joint": USED,
     "joint/mimic@multiplier": USED,
     "joint/mimic@offset": USED,
@@ -53,6 +57,9 @@ TAGS = {
     "joint/calibration": UNNEEDED,
     "material": UNNEEDED,
     "sensor": UNNEEDED,
+    "transmission/joint@name": USED,
+    "transmission/actuator/drake:rotor_inertia@value": USED,
+    "transmission/actuator/drake:gear_ratio@value": USED,
     "transmission": UNNEEDED,
     "gazebo": NAMED,
     "mujoco": NAMED,
@@ -94,6 +101,8 @@ def _below(element: ElementTree.Element, path: str, name: str) -> Iterator[str]:
     seen = set()
     for inner in element:
         own = f"{path}/{inner.tag}" if path else inner.tag
+        if TAGS.get(own) == UNNEEDED:
+            continue
         if own in _INNER:
             if path and own in seen:
                 where = f"{_short(element.tag)} {element.get('name', '')}".strip()

@@ -20,9 +20,9 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.home import open_home
 from hapnet.ext.arms.table import ArmTable, Joint, rotation_of
-from hapnet.ext.arms.tags import not_used
+from hapnet.ext.arms.tags import DRAKE, not_used
 
-_TURNS = {"revolute", "continuous"}
+_MOVES = {"revolute", "continuous", "prismatic"}
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _ZERO = (0.0, 0.0, 0.0)
 
@@ -70,7 +70,7 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
     link without a parent. home : q [rad]; by default `open_home`: the middle between each joint's stops, or a
     posture near it that is not singular.
 
-    Raises InvalidParameter: the text is no URDF, or there is no arm of hinges between these links.
+    Raises InvalidParameter: the text is no URDF, or there is no arm between these links.
     """
     robot = _Robot(text, name)
     chain = robot.chain(base, tip)
@@ -85,8 +85,8 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
             if moving is not None:  # what is fixed to the base stands still
                 body = _sum(body, robot.carried(robot.child(joint), pose, on_chain))
             continue
-        if joint.get("type") not in _TURNS:
-            allowed = "revolute, continuous or fixed between base and tip"
+        if joint.get("type") not in _MOVES:
+            allowed = "revolute, continuous, prismatic or fixed between base and tip"
             raise InvalidParameter(f"the type of {name}'s joint {joint.get('name')}", joint.get("type"), allowed)
         if (mimic := joint.find("mimic")) is not None:
             allowed = "between base and tip a joint that is free (delete its <mimic>)"
@@ -116,6 +116,7 @@ class _Robot:
             raise InvalidParameter("the arm " + name, "its file", f"URDF ({error})") from None
         if root.tag != "robot":
             raise InvalidParameter("the arm " + name, f"<{root.tag}>", "URDF, whose root is <robot> (is it xacro?)")
+        self.rotors = self._rotors(root)
         self.said: dict[str, list[str]] = {"not used": not_used(root, name)}
         """For each remark the names that it is about."""
         self.links = self._by_name(root, "link")
@@ -134,6 +135,18 @@ class _Robot:
                 raise InvalidParameter(whose, joint.get("type"), ", ".join(_TYPES))
             self.after[self.parent(joint)].append(joint)
         self._check_tree()
+
+    def _rotors(self, root: ElementTree.Element) -> dict[str, float]:
+        """What rotors behind gears add to the inertia of joints by name, in Drake's tags of a transmission [kg m^2]."""
+        found: dict[str, float] = {}
+        for transmission in root.findall("transmission"):
+            for actuator in transmission.findall("actuator"):
+                inertia, ratio = (actuator.find(DRAKE + tag) for tag in ("rotor_inertia", "gear_ratio"))
+                added = self._number(inertia, "value", 0.0) * self._number(ratio, "value", 1.0) ** 2
+                for joint in transmission.findall("joint"):
+                    name = str(joint.get("name"))
+                    found[name] = found.get(name, 0.0) + added
+        return found
 
     def _by_name(self, root: ElementTree.Element, tag: str) -> dict[str, ElementTree.Element]:
         """The links or joints. Raises InvalidParameter: one has no name, or that of another."""
@@ -251,7 +264,6 @@ class _Robot:
             raise InvalidParameter(f"the link of {self.name}'s joint {joint.get('name')}", self.child(joint), allowed)
         centre = body.moment / body.mass
         inertia = body.inertia - body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-        limit = joint.find("limit")
         dynamics = joint.find("dynamics")
         lower, upper = self._stops(joint)
         a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in (inertia + inertia.T) / 2.0)
@@ -269,6 +281,8 @@ class _Robot:
             speed=self._most(joint, "velocity"),
             damping=self._number(dynamics, "damping", 0.0),
             friction=self._number(dynamics, "friction", 0.0),
+            armature=self._number(dynamics, "armature", 0.0) + self.rotors.get(str(joint.get("name")), 0.0),
+            slides=joint.get("type") == "prismatic",
         )
 
     def _most(self, joint: ElementTree.Element, key: str) -> float:
@@ -279,8 +293,10 @@ class _Robot:
         return value or math.inf
 
     def _stops(self, joint: ElementTree.Element) -> tuple[float, float]:
-        """A joint's stops, and those of a safety controller's soft limits within them [rad]."""
+        """A joint's stops, and those of a safety controller's soft limits within them [rad], of a slide [m]."""
         name, limit, safety = joint.get("name"), joint.find("limit"), joint.find("safety_controller")
+        turns = joint.get("type") != "prismatic"
+        unit = "rad" if turns else "m"
         soft = safety is not None and self._number(safety, "k_position", 0.0) > 0.0
         if joint.get("type") == "continuous":
             if soft or any(limit is not None and limit.get(side) is not None for side in ("lower", "upper")):
@@ -291,13 +307,13 @@ class _Robot:
             found.append(self._number(limit, side, default))
             if limit is None or limit.get(side) is None:
                 self._say(f"no {side} stop, which URDF requires: free there, joints", name)
-            if _TURNED_RAD < abs(found[-1]) < _FAR_RAD:
+            if turns and _TURNED_RAD < abs(found[-1]) < _FAR_RAD:
                 self._say("stops beyond two turns (are these degrees? URDF has rad), joints", f"{name} {found[-1]:g}")
         if soft:
             ends = [self._number(safety, f"soft_{side}_limit", found[i]) for i, side in enumerate(("lower", "upper"))]
             if not max(ends[0], found[0]) < min(ends[1], found[1]):
-                allowed = f"a range within its stops, {found[0]:g} to {found[1]:g} rad"
-                shown = f"{ends[0]:g} to {ends[1]:g} rad"
+                allowed = f"a range within its stops, {found[0]:g} to {found[1]:g} {unit}"
+                shown = f"{ends[0]:g} to {ends[1]:g} {unit}"
                 raise InvalidParameter(f"the safety_controller's range of {self.name}'s joint {name}", shown, allowed)
             return max(ends[0], found[0]), min(ends[1], found[1])
         return found[0], found[1]

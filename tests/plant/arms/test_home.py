@@ -13,14 +13,28 @@ from hapnet.ext.arms.table import ArmTable, Joint, home_of, omni
 from hapnet.simulation.simulation import Simulation
 from tests.plant.arms.references import in_mujoco, random_arm
 
-BODY = dict(mass=0.3, inertia=((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (0.0, 0.0, 1e-3)), centre=(0.1, 0.0, 0.0))
+BODY = Joint(
+    "",
+    (0.0, 0.0, 0.0),
+    mass=0.3,
+    inertia=((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (0.0, 0.0, 1e-3)),
+    centre=(0.1, 0.0, 0.0),
+)
 
 
 def straight(joints: int = 3, stops: float = 2.0, effort: float = math.inf, long: float = 0.2) -> ArmTable:
     """An arm along x whose first joint turns about z and whose others turn about y, straight at 0."""
     axes = ((0.0, 0.0, 1.0), *((0.0, 1.0, 0.0),) * (joints - 1))
     found = tuple(
-        Joint(f"j{i}", (long if i > 1 else 0.0, 0.0, 0.0), axis=axis, lower=-stops, upper=stops, effort=effort, **BODY)
+        replace(
+            BODY,
+            name=f"j{i}",
+            xyz=(long if i > 1 else 0.0, 0.0, 0.0),
+            axis=axis,
+            lower=-stops,
+            upper=stops,
+            effort=effort,
+        )
         for i, axis in enumerate(axes)
     )
     return ArmTable("straight", found, (long, 0.0, 0.0), (0.0,) * joints)
@@ -118,7 +132,8 @@ def test_a_straight_arm_moves_under_a_hand(tmp_path: Path, axes: str) -> None:
         '<limit lower="-2" upper="2" effort="30" velocity="9"/></joint>'
         for i, axis in ((1, "0 0 1"), (2, "0 1 0"), (3, "0 1 0"))
     )
-    tip = '<link name="t"/><joint name="jt" type="fixed"><parent link="l3"/><child link="t"/><origin xyz="0.2 0 0"/></joint>'
+    ends = '<parent link="l3"/><child link="t"/><origin xyz="0.2 0 0"/>'
+    tip = f'<link name="t"/><joint name="jt" type="fixed">{ends}</joint>'
     file = tmp_path / "a.urdf"
     file.write_text(f'<robot name="r">{links}{joints}{tip}</robot>')
     name = f"arm:{file}?tip=t&axes={axes}"
@@ -129,6 +144,7 @@ def test_a_straight_arm_moves_under_a_hand(tmp_path: Path, axes: str) -> None:
     assert len(told) == (axes == "tip")
     if axes == "tip":
         result = Simulation(prepare(params).params, 1).run()
+        assert result.recording.device is not None
         moved = np.ptp(result.recording.device["position_m"], axis=0)
         assert result.summary["verdict"]["passive"] is True
         assert moved.max() > 0.005

@@ -34,7 +34,7 @@ def joint(name: str, ends: str, axis: str, more: str = LIMIT, kind: str = "revol
 
 
 def robot(second: str = "", middle: str = "", more: str = "") -> str:
-    """Three links with a hand: its tip moves along all axes; `second`, `middle` : in place of its second joint, link."""
+    """Three links whose tip moves along all axes. second, middle : in place of the second joint and its link."""
     return (
         '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         + "".join([link("b"), link("l1"), middle or link("l2"), link("l3"), '<link name="t"/>'])
@@ -71,7 +71,7 @@ def test_what_is_used_is_read() -> None:
     code = (Path(hapnet.ext.arms.__file__).parent / "urdf.py").read_text("utf-8")
     for key in (key for key, fate in tags.TAGS.items() if fate == tags.USED):
         path, _, attribute = key.partition("@")
-        assert f'"{path.split("/")[-1]}"' in code, key
+        assert f'"{path.split("/")[-1].removeprefix("drake:")}"' in code, key
         assert f'"{attribute}"' in code or attribute.startswith("soft_"), key
     assert table(second(LIMIT)).remarks == ()
 
