@@ -176,7 +176,7 @@ def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:
     Raises InvalidParameter: none was found.
     """
     n, tip = chain.n, chain.tip
-    q, target, reach = np.array(table.home), np.array(position), max(table.reaches)
+    q, target, reach = np.array(table.home), np.array(position), max(table.reaches) or 1.0
     lower, upper = (
         np.array(ends) for ends in zip(*((joint.lower, joint.upper) for joint in table.joints), strict=True)
     )
@@ -186,9 +186,7 @@ def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:
         if float(np.linalg.norm(error)) <= _NEAR_M * reach:
             return [float(angle) for angle in q]
         J = np.array(tip.columns)[:n].T
-        q = np.clip(
-            q + J.T @ np.linalg.solve(J @ J.T + _DAMPED * max(table.reaches) ** 2 * np.eye(3), error), lower, upper
-        )
+        q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + _DAMPED * reach**2 * np.eye(3), error), lower, upper)
     shown = tuple(round(value, 6) for value in position)
     allowed = f"within the reach of {table.name}, counted from the tip at home"
     raise InvalidParameter("the hand's start [m]", shown, allowed)

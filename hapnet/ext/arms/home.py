@@ -7,16 +7,20 @@ run, looks for the nearest posture with at least `OPEN`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.ext.arms.chain import Chain, difference, gravity
-from hapnet.ext.arms.table import ArmTable, chain_of, home_of
+from hapnet.ext.arms.table import ArmTable, chain_of, felt_damping, home_of
 
 OPEN = 0.1
 """A posture with a smaller `openness` is near a singular one."""
+
+HEAVY_NSPM = 100.0
+"""Joints that damp more at the tip, in every direction, hardly let a hand move it: a hand of 60 N/m takes seconds."""
 
 _NONE = 1e-6
 """With an openness below this, no joint moves the tip."""
@@ -68,9 +72,9 @@ def openness(table: ArmTable) -> float:
 
 
 def remarks(table: ArmTable) -> tuple[str, ...]:
-    """A line for the user on the directions in which the tip cannot, or hardly, move from home; empty: there are none.
+    """Lines for the user on why the tip cannot, or hardly, move from home; empty: it can.
 
-    Raises InvalidParameter: as `chain_of`.
+    Raises InvalidParameter: as `at_home`.
     """
     chain = chain_of(table)
     values, directions = _directions(chain, table, table.home)
@@ -87,6 +91,10 @@ def remarks(table: ArmTable) -> tuple[str, ...]:
         found.append(f"at the home of {table.name} the joints hardly move the tip along {' and '.join(slow)}")
     if found and openness(replace(table, home=open_home(table))) > 2.0 * openness(table):
         found[-1] += ": choose another posture with &home="
+    if HEAVY_NSPM < (damping := felt_damping(table)) < math.inf:
+        found.append(
+            f"the joints' damping in {table.name} is {damping:.3g} Ns/m or more at the tip: a hand hardly moves it"
+        )
     return tuple(found)
 
 

@@ -1,6 +1,7 @@
 """The posture in which an arm begins: not singular, or the user is told so."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,6 +110,19 @@ def test_stops_leave_no_other_posture() -> None:
     assert line.startswith("at the home of straight the joints hardly move the tip along (1, ")
     assert "of the reach a radian, less than 0.1)" in line
     assert "choose" not in line
+
+
+def test_heavy_damping_is_said() -> None:
+    """30 Nms/rad at levers of at most 0.4 m: three joints together are at least a third of one, 30 / 0.4^2 Ns/m."""
+    table = replace(straight(), home=(0.0, 0.5, 0.5))
+    heavy = replace(table, joints=tuple(replace(joint, damping=30.0) for joint in table.joints))
+    assert remarks(table) == ()
+    (line,) = remarks(heavy)
+    found = re.fullmatch(
+        "the joints' damping in straight is (.*) Ns/m or more at the tip: a hand hardly moves it", line
+    )
+    assert found is not None
+    assert 30.0 / 0.4**2 / 3.0 < float(found[1]) < 30.0 / 0.2**2
 
 
 def test_two_joints_leave_a_direction() -> None:
