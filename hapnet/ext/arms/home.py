@@ -1,8 +1,8 @@
 """The posture in which an arm begins, if the user names none: near the middle between its stops, and not singular.
 
 In a straight arm no joint moves the tip along the arm, so a force along it meets no motion. The measure of that is
-`openness`: the smallest singular value of the tip's Jacobian, over the arm's reach. A random search, the same in each
-run, looks for the nearest posture with at least `OPEN`.
+`openness`: the smallest singular value of the tip's Jacobian, over the arm's reach. A search among evenly spread
+postures looks for the nearest one with at least `OPEN`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from hapnet.checks import Array, Vector
+from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity
 from hapnet.ext.arms.table import ArmTable, chain_of, felt_damping, home_of
 
@@ -24,6 +25,9 @@ HEAVY_NSPM = 100.0
 
 _NONE = 1e-6
 """With an openness below this, no joint moves the tip."""
+
+_FARTHEST_M = 1e6
+"""No arm is longer; with larger numbers squares overflow."""
 
 _RADII = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 _TRIES = 48
@@ -42,12 +46,11 @@ def open_home(table: ArmTable) -> Vector:
         return middle
     most, best = _openness(chain, table, middle)[rank - 1], middle
     strong = _carried(chain, table, middle)
-    rng = np.random.default_rng(0)
     for radius in _RADII:
         if most >= OPEN:
             break
-        for _ in range(_TRIES):
-            q = _near(table, middle, radius, rng)
+        for k in range(_TRIES):
+            q = _near(table, middle, radius, k)
             if (found := float(_openness(chain, table, q)[rank - 1])) > most and (
                 not strong or _carried(chain, table, q)
             ):
@@ -103,15 +106,20 @@ def _shown(way: Array) -> str:
     return "({:.2g}, {:.2g}, {:.2g})".format(*(np.round(way, 3) + 0.0))
 
 
-def _near(table: ArmTable, middle: Vector, radius: float, rng: np.random.Generator) -> Vector:
-    """A posture within the stops, in which no joint is farther than `radius` from the middle [rad]."""
-    found, reach = [], max(table.reaches)
+def _near(table: ArmTable, middle: Vector, radius: float, k: int) -> Vector:
+    """The posture number k of a sequence that fills the stops evenly, no joint farther than `radius` from the middle
+    [rad]; the sequence is Roberts's: multiples of powers of the root of ``x^(n+1) = x + 1``, modulo 1."""
+    found, reach, root = [], max(table.reaches), 1.5
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (len(middle) + 1))
+    share = float(k + 1)
     for joint, centre in zip(table.joints, middle, strict=True):
         down, up = (
             min(radius * (reach if joint.slides else 1.0), _WITHIN * room)
             for room in (centre - joint.lower, joint.upper - centre)
         )
-        angle = centre + float(rng.uniform(-down, up))
+        share /= root
+        angle = centre - down + (0.5 + share) % 1.0 * (down + up)
         short = round(angle, 2)
         found.append(short if joint.lower <= short <= joint.upper else angle)
     return tuple(found)
@@ -119,8 +127,7 @@ def _near(table: ArmTable, middle: Vector, radius: float, rng: np.random.Generat
 
 def _rank(chain: Chain, table: ArmTable, home: Vector) -> int:
     """The number of directions in which joints move the tip in most postures."""
-    rng = np.random.default_rng(1)
-    postures = [home, *(_near(table, home, 1.5, rng) for _ in range(_SAMPLES))]
+    postures = [home, *(_near(table, home, 1.5, k) for k in range(_SAMPLES))]
     return max(int(np.sum(_openness(chain, table, q) > _NONE)) for q in postures)
 
 
@@ -134,6 +141,8 @@ def _directions(chain: Chain, table: ArmTable, q: Vector) -> tuple[Array, Array]
     difference(chain, chain.tip, q, q)
     reach = max(table.reaches)
     J = np.array(chain.tip.columns)[: chain.n].T
+    if not (np.isfinite(J).all() and reach < _FARTHEST_M):
+        raise InvalidParameter(f"the reach of {table.name} [m]", reach, f"below {_FARTHEST_M:g}")
     J = J / [1.0 if joint.slides or not reach else reach for joint in table.joints]
     directions, values, _ = np.linalg.svd(J)
     return np.append(values, np.zeros(3))[:3], directions.T

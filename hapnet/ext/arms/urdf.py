@@ -137,12 +137,13 @@ class _Robot:
         self._check_tree()
 
     def _rotors(self, root: ElementTree.Element) -> dict[str, float]:
-        """What rotors behind gears add to the inertia of joints by name, in Drake's tags of a transmission [kg m^2]."""
+        """The inertia that rotors behind gears add to each joint, from Drake's tags of a transmission [kg m^2]."""
         found: dict[str, float] = {}
         for transmission in root.findall("transmission"):
             for actuator in transmission.findall("actuator"):
                 inertia, ratio = (actuator.find(DRAKE + tag) for tag in ("rotor_inertia", "gear_ratio"))
-                added = self._number(inertia, "value", 0.0) * self._number(ratio, "value", 1.0) ** 2
+                turns = self._number(ratio, "value", 1.0)
+                added = self._number(inertia, "value", 0.0) * turns * turns
                 for joint in transmission.findall("joint"):
                     name = str(joint.get("name"))
                     found[name] = found.get(name, 0.0) + added
@@ -245,6 +246,8 @@ class _Robot:
             mimic = leader.find("mimic")
         if value == 0.0:
             return _SAME
+        if not math.isfinite(value):
+            raise InvalidParameter(f"the offset of {self.name}'s mimic {joint.get('name')}", value, "a finite one")
         axis = np.array(self._axis(joint))
         axis = axis / (np.linalg.norm(axis) or 1.0)
         if joint.get("type") == "prismatic":

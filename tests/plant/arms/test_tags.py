@@ -131,6 +131,11 @@ def test_a_line_says_what_is_left_out_or_looks_wrong(text: str, says: str) -> No
             "the safety_controller's range of a.urdf's joint j2 is '3 to 2 rad'; .* -2 to 2 rad",
         ),
         (
+            robot(more=link("x") + joint("jaw", "l2 x", "1 0 0", LIMIT + '<mimic joint="j1" offset="inf"/>')),
+            "the offset of a.urdf's mimic jaw is inf; allowed: a finite one",
+        ),
+        (robot().replace("0.2 0.1 0", "1e300 0.1 0"), r"the reach of a.urdf \[m\] is .*; allowed: below 1e\+06"),
+        (
             robot(more=link("x") + joint("jaw", "l2 x", "1 0 0", LIMIT + '<mimic joint="nose"/>')),
             "the joint that a.urdf's jaw mimics is 'nose'",
         ),
