@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity
 from hapnet.ext.arms.table import ArmTable, chain_of, felt_damping, home_of
 
@@ -25,9 +24,6 @@ HEAVY_NSPM = 100.0
 
 _NONE = 1e-6
 """With an openness below this, no joint moves the tip."""
-
-_FARTHEST_M = 1e6
-"""No arm is longer; with larger numbers squares overflow."""
 
 _RADII = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 _TRIES = 48
@@ -141,8 +137,6 @@ def _directions(chain: Chain, table: ArmTable, q: Vector) -> tuple[Array, Array]
     difference(chain, chain.tip, q, q)
     reach = max(table.reaches)
     J = np.array(chain.tip.columns)[: chain.n].T
-    if not (np.isfinite(J).all() and reach < _FARTHEST_M):
-        raise InvalidParameter(f"the reach of {table.name} [m]", reach, f"below {_FARTHEST_M:g}")
     J = J / [1.0 if joint.slides or not reach else reach for joint in table.joints]
     directions, values, _ = np.linalg.svd(J)
     return np.append(values, np.zeros(3))[:3], directions.T

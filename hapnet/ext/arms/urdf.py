@@ -33,6 +33,9 @@ _FAR_RAD = 1e4
 _GYRATION_M = 3.0
 """No link of an arm has a larger radius of gyration; one in kg mm^2 or g cm^2 by mistake has."""
 
+_MOST = 1e6
+"""No length, mass or moment of inertia is larger; squares of much larger numbers overflow."""
+
 _ROUNDED = 1e-3
 """The share by which rounded moments of inertia may miss A + B >= C."""
 
@@ -337,10 +340,11 @@ class _Robot:
 
     def _check_body(self, link: str, mass: float, inertia: Array) -> None:
         """Raise InvalidParameter for a mass or inertia that is no number; say which are no body's."""
-        if not 0.0 <= mass < math.inf:
-            raise InvalidParameter(f"the mass of {self.name}'s link {link}", mass, "a finite one, 0 kg or above")
-        if not np.isfinite(inertia).all():
-            raise InvalidParameter(f"the inertia of {self.name}'s link {link}", inertia.tolist(), "finite numbers")
+        if not 0.0 <= mass <= _MOST:
+            raise InvalidParameter(f"the mass of {self.name}'s link {link}", mass, f"0 to {_MOST:g} kg")
+        if not np.abs(inertia).max() <= _MOST:
+            shown, allowed = inertia.tolist(), f"numbers of at most {_MOST:g} kg m^2"
+            raise InvalidParameter(f"the inertia of {self.name}'s link {link}", shown, allowed)
         a, b, c = np.linalg.eigvalsh(inertia).tolist()
         shown = f"{link} ({a:.3g}, {b:.3g}, {c:.3g})"
         if a < -_ROUNDED * c or c * (1.0 - _ROUNDED) > a + b:
@@ -372,8 +376,8 @@ class _Robot:
             value = tuple(map(float, text.split()))
         except ValueError:
             value = ()
-        if len(value) != 3 or not all(map(math.isfinite, value)):
-            raise InvalidParameter(f"{key} in {self.name}", text, "three numbers")
+        if len(value) != 3 or not all(abs(number) <= _MOST for number in value):
+            raise InvalidParameter(f"{key} in {self.name}", text, f"three numbers, of at most {_MOST:g}")
         return value
 
 
