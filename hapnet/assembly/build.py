@@ -18,7 +18,7 @@ from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import missing_of_the_hand, operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.resolve import held_warnings, misfits, resolve
-from hapnet.assembly.simulated_device import description, home_warnings, simulated_device
+from hapnet.assembly.simulated_device import description, device_warnings, simulated_device
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
@@ -126,10 +126,11 @@ def prepare(params: Params | Mapping[str, object], default_servo: str = "sampled
         used = resolve(given, default_servo)
         refuse(misfits(used))
         params, scene, spec = used.params, used.scene, used.coupling
-        warnings = [*scene.warnings, *held_warnings(used), *follower_of(params).warnings(params, spec, scene.dof)]
+        warnings = [*device_warnings(params), *scene.warnings, *held_warnings(used)]
+        warnings.extend(follower_of(params).warnings(params, spec, scene.dof))
         up, down = link_profile("link.up", params.link.up), link_profile("link.down", params.link.down)
         tuning = spec.tune(choosing(params, *follower_of(params).seen), delays(up, down, params.link.path_s))
-        warnings.extend((*spec.warn(params, tuning), *home_warnings(params)))
+        warnings.extend(spec.warn(params, tuning))
         if scene.has_effects and not spec.staged(params):
             warnings.append(
                 f"{params.coupling} with rendering {params.rendering} has no contact model: effects are not felt"

@@ -39,9 +39,9 @@ def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedD
     return device
 
 
-def home_warnings(params: Params) -> tuple[str, ...]:
-    """Warnings about the place where an arm begins."""
-    return tuple(extension("arms").home_warnings(params)) if is_arm(params.hardware) else ()
+def device_warnings(params: Params) -> tuple[str, ...]:
+    """Warnings for the user about a simulated device: what an arm's file has that is not used or looks wrong."""
+    return tuple(extension("arms").warnings(params)) if is_arm(params.hardware) else ()
 
 
 def real_time_warnings(params: Params) -> tuple[str, ...]:

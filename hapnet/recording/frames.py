@@ -27,7 +27,8 @@ def table(recording: Recording, side: str = "device") -> Columns:
 
     For a tool that turns, positions and forces are those of its point, ``position_m_x`` and ``force_N_x``; beside them
     there are quaternions, ``position_quaternion_w`` to ``_z``, torques, ``torque_Nm_x``, and ``velocity_radps_x``.
-    For an arm's tip, the joints' angles are beside its positions: ``joint_1_rad``, ...
+    For an arm's tip, the joints' angles are beside its positions: ``joint_1_rad``, ..., or ``joint_1_m`` of
+    a joint that slides.
 
     Raises InvalidParameter: this side was not recorded.
     """
@@ -58,7 +59,8 @@ def _joints(recording: Recording, times: NDArray[np.int64]) -> Columns:
     at = {one.time_ns: one.angles_rad for one in recording.posture}
     unknown = (math.nan,) * len(recording.posture[0].angles_rad)
     rows = np.array([at.get(time_ns, unknown) for time_ns in times.tolist()])
-    return {f"joint_{k}_rad": rows[:, k - 1] for k in range(1, rows.shape[1] + 1)}
+    slides = recording.meta.get("arm", {}).get("slides", ())
+    return {f"joint_{k + 1}_{'m' if k in slides else 'rad'}": rows[:, k] for k in range(rows.shape[1])}
 
 
 def _turning(columns: Columns, poses: Columns) -> Columns:

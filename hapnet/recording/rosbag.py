@@ -136,7 +136,7 @@ class Messages:
     def _joints(self, topic: str, times: Array, columns: Columns, force: str) -> Iterator[BagMessage]:
         """Yield the angles of an arm that is coupled at its tip, or of axes that are joints."""
         kind = "sensor_msgs/msg/JointState"
-        names = [name for name in columns if name.startswith("joint_") and name.endswith("_rad")]
+        names = [name for name in columns if name.startswith("joint_") and name.endswith(("_rad", "_m"))]
         rates, efforts = [], []
         if not names:
             axes = [axis for axis in columns if axis.startswith("position_rad_")]
@@ -145,7 +145,7 @@ class Messages:
             efforts = [f"{force.replace('force_N', 'force_Nm')}_{axis.rpartition('_')[2]}" for axis in axes]
         if not names:
             return
-        called = [name.removesuffix("_rad").replace("position_rad_", "joint_") for name in names]
+        called = [name.removesuffix("_rad").removesuffix("_m").replace("position_rad_", "joint_") for name in names]
         angles, speeds, torques = (_rows(columns, group, len(times)) for group in (names, rates, efforts))
         for k, time_ns in enumerate(times.tolist()):
             if not np.isnan(angles[k]).any():

@@ -9,13 +9,14 @@ from hapnet.assembly.build import prepare
 from hapnet.assembly.simulated_device import real_time_warnings
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.device import SimulatedArm
-from hapnet.ext.arms.table import omni
+from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.ext.bench.plants import seven_joints
 from hapnet.ext.compiled.real_time import CompiledDevices, CompiledTicks
 from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import Simulation
+from tests.plant.arms.references import cylindrical
 
 OVER_4G = {"hardware": "omni", "link.up": "4g", "link.down": "4g", "duration_s": 1.5, "device.substeps": 1}
 
@@ -87,11 +88,12 @@ def test_an_arm_without_the_compiler_says_what_it_needs(monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-def test_compiled_ticks_are_pythons() -> None:
-    """To the last bit, with forces that a motor cuts and a hand that presses against stops."""
+@pytest.mark.parametrize("table", [omni(), cylindrical()], ids=lambda table: str(table.name))
+def test_compiled_ticks_are_pythons(table: ArmTable) -> None:
+    """To the last bit, with forces that a motor cuts and a hand that presses against stops; with a slide too."""
     if no_compiler() is not None:
         pytest.skip("nothing can be compiled here")
-    plain, compiled = (SimulatedArm(omni(), Sine(3, Impedance(), 0.2, 1.0, start_s=0.3), substeps=2) for _ in range(2))
+    plain, compiled = (SimulatedArm(table, Sine(3, Impedance(), 0.2, 1.0, start_s=0.3), substeps=2) for _ in range(2))
     CompiledDevices().simulated(compiled)
     assert isinstance(compiled.compiled, CompiledTicks)
     for k in range(400):

@@ -1,10 +1,11 @@
-"""A serial chain of rigid links on revolute joints: inertia M(q), Coriolis matrix C(q, q') and gravity g(q) of (1).
+"""A serial chain of rigid links on hinges and slides: inertia M(q), Coriolis matrix C(q, q') and gravity g(q) of (1).
 
-Every point r of link b moves with ``r' = sum_i q_i' (z_i x r + u_i)``, ``u_i = p_i x z_i`` for the joints up to b, all
-in the world's frame. So all sums over masses follow from mass, first moment s and second moment E (Uicker's and Paul's
-form with pseudo-inertias), summed over a link and all links after it:
+Every point r of link b moves with ``r' = sum_i q_i' (z_i x r + u_i)`` for the joints up to b, all in the world's frame:
+``u_i = p_i x z_i`` at a hinge; at a slide z_i is 0 and u_i the direction. So all sums over masses follow from mass,
+first moment s and second moment E (Uicker's and Paul's form with pseudo-inertias), summed over a link and all links
+after it:
 
-    M_ij = z_i . h_j + u_i . l_j                    h = I z + s x u, l = z x s + m u, I = tr(E) 1 - E
+    M_ij = z_i . h_j + u_i . l_j, + armature        h = I z + s x u, l = z x s + m u, I = tr(E) 1 - E
     C_ij = Christoffel's symbols, contracted with q'; so M' = C + C'
     g_i  = -gamma . (z_i x s_i + m_i u_i)
 
@@ -21,7 +22,7 @@ from typing import Annotated
 from hapnet.mechanics.pose import cross as product
 from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
-JOINTS = 8
+JOINTS = 10
 """The greatest number of joints of an arm."""
 
 OfJoints = Annotated[Floats, (JOINTS,)]
@@ -34,8 +35,9 @@ _SMALL = 1e-2
 
 
 class ArmLink(Record):
-    """A link with its joint, which turns about the z axis of the link's frame; the first is the base.
+    """A link with its joint, which turns about the z axis of its frame or slides along it; the first is the base.
 
+    slides : whether the joint slides. armature : what its motor's rotor adds to M [kg m^2] or [kg].
     rotation, offset : of the frame at q = 0, in the frame of the link before [m]. mass [kg], moment [kg m], second
     [kg m^2] : of the link about the origin of its frame, ``m``, ``m c`` and the integral of ``r r'``.
 
@@ -47,6 +49,8 @@ class ArmLink(Record):
     angular, linear, angular_change, linear_change, returned : terms of M and C for the joint.
     """
 
+    slides: int
+    armature: float
     rotation: Matrix3
     offset: Vector3
     mass: float
@@ -74,13 +78,15 @@ class Lever(Record):
     """A point that the chain carries, or the sum of all first moments, between two postures.
 
     arms : the part of it in each link's frame, from the base to the last. begin, end : the point at both postures.
-    columns : J_d, a row for each joint.
+    columns : J_d, a row for each joint. shifted : what a slide's way is multiplied by: 1 for a point, the mass behind
+        the slide for the sum of first moments [kg].
     """
 
     arms: Annotated[FloatRows, (JOINTS + 1, 3)]
     begin: Vector3
     end: Vector3
     columns: Annotated[FloatRows, (JOINTS, 3)]
+    shifted: OfJoints
 
 
 class Chain(Record):
@@ -120,7 +126,8 @@ def place(chain: Chain, q: Reals, rates: Reals) -> None:
     for i in range(1, chain.n + 1):
         link, before = chain.links[i], chain.links[i - 1]
         R, W, T = link.rotation, before.turned, link.turned
-        c, s, rate = math.cos(q[i - 1]), math.sin(q[i - 1]), rates[i - 1]
+        angle, way, rate = 0.0 if link.slides else q[i - 1], q[i - 1] if link.slides else 0.0, rates[i - 1]
+        c, s = math.cos(angle), math.sin(angle)
         o, axis, lever, spin, drift = link.offset, link.axis, link.lever, link.spin, link.drift
         for r in range(3):
             row = W[r]
@@ -128,9 +135,11 @@ def place(chain: Chain, q: Reals, rates: Reals) -> None:
             b = row[0] * R[0][1] + row[1] * R[1][1] + row[2] * R[2][1]
             T[r][0], T[r][1] = c * a + s * b, c * b - s * a
             T[r][2] = axis[r] = row[0] * R[0][2] + row[1] * R[1][2] + row[2] * R[2][2]
-            link.place[r] = before.place[r] + row[0] * o[0] + row[1] * o[1] + row[2] * o[2]
+            link.place[r] = before.place[r] + row[0] * o[0] + row[1] * o[1] + row[2] * o[2] + way * axis[r]
         cross(link.place, axis, lever)
         for r in range(3):
+            if link.slides:
+                lever[r], axis[r] = axis[r], 0.0
             spin[r] = before.spin[r] + rate * axis[r]
             drift[r] = before.drift[r] + rate * lever[r]
 
@@ -229,6 +238,7 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
             other = chain.links[i]
             M[i - 1][j - 1] = dot3(other.axis, link.angular_change) + dot3(other.lever, link.linear_change)
             M[j - 1][i - 1] = M[i - 1][j - 1]
+        M[j - 1][j - 1] += link.armature
         cross(flow, u, back)
         for r in range(3):
             back[r] += trace * z[r] - (N[0][r] * z[0] + N[1][r] * z[1] + N[2][r] * z[2])
@@ -249,28 +259,40 @@ def difference(chain: Chain, lever: Lever, q0: Reals, q1: Reals) -> None:
         begin[r] = end[r] = lever.arms[n][r]
     for i in range(n, 0, -1):
         R, arm, one = chain.links[i].rotation, lever.arms[i - 1], columns[i - 1]
-        middle, half = 0.5 * (q0[i - 1] + q1[i - 1]), 0.5 * (q1[i - 1] - q0[i - 1])
-        square = half * half
-        share = 1.0 - square * (1.0 - square / 20.0) / 6.0 if abs(half) < _SMALL else math.sin(half) / half
-        cosine, c, s = math.cos(half), math.cos(middle), math.sin(middle)
-        x, y = 0.5 * (begin[0] + end[0]), 0.5 * (begin[1] + end[1])
-        one[0], one[1], one[2] = -share * (s * x + c * y), share * (c * x - s * y), 0.0
-        for j in range(i, n):
-            x, y = columns[j][0], columns[j][1]
-            columns[j][0], columns[j][1] = cosine * (c * x - s * y), cosine * (s * x + c * y)
+        if chain.links[i].slides:
+            one[0], one[1], one[2] = 0.0, 0.0, lever.shifted[i - 1]
+            begin[2] += q0[i - 1] * one[2]
+            end[2] += q1[i - 1] * one[2]
+        else:
+            _turn(lever, i, n, q0[i - 1], q1[i - 1])
         for j in range(i - 1, n):
             _rotate(R, columns[j])
-        c, s = math.cos(q0[i - 1]), math.sin(q0[i - 1])
-        x, y = begin[0], begin[1]
-        begin[0], begin[1] = c * x - s * y, s * x + c * y
-        c, s = math.cos(q1[i - 1]), math.sin(q1[i - 1])
-        x, y = end[0], end[1]
-        end[0], end[1] = c * x - s * y, s * x + c * y
         _rotate(R, begin)
         _rotate(R, end)
         for r in range(3):
             begin[r] += arm[r]
             end[r] += arm[r]
+
+
+@equation
+def _turn(lever: Lever, i: int, n: int, q0: float, q1: float) -> None:
+    """Turn both postures' points and the columns behind joint i about its axis, and compute its own column."""
+    begin, end, columns, one = lever.begin, lever.end, lever.columns, lever.columns[i - 1]
+    middle, half = 0.5 * (q0 + q1), 0.5 * (q1 - q0)
+    square = half * half
+    share = 1.0 - square * (1.0 - square / 20.0) / 6.0 if abs(half) < _SMALL else math.sin(half) / half
+    cosine, c, s = math.cos(half), math.cos(middle), math.sin(middle)
+    x, y = 0.5 * (begin[0] + end[0]), 0.5 * (begin[1] + end[1])
+    one[0], one[1], one[2] = -share * (s * x + c * y), share * (c * x - s * y), 0.0
+    for j in range(i, n):
+        x, y = columns[j][0], columns[j][1]
+        columns[j][0], columns[j][1] = cosine * (c * x - s * y), cosine * (s * x + c * y)
+    c, s = math.cos(q0), math.sin(q0)
+    x, y = begin[0], begin[1]
+    begin[0], begin[1] = c * x - s * y, s * x + c * y
+    c, s = math.cos(q1), math.sin(q1)
+    x, y = end[0], end[1]
+    end[0], end[1] = c * x - s * y, s * x + c * y
 
 
 @equation

@@ -58,10 +58,12 @@ class SimulatedArm(SimulatedDevice):
         if self.dof != (axes := len(table.joints) if by_joints else TIP_AXES):
             raise InvalidParameter("dof", self.dof, f"{axes}, the {'joints of' if by_joints else 'axes of the tip of'} "
                                    f"{table.name}")  # fmt: skip
+        if by_joints:
+            require_hinges(table)
         self.table = table
         self.arm = arm_of(table, operator.impedance, period, substeps, compensated=compensated, by_joints=by_joints)
         # at the tip no axis errs by more than half a resolution
-        self._per_count = resolution if by_joints else resolution / added(table.reaches)
+        self._per_count = resolution if by_joints else resolution / (added(table.levers) or 1.0)
         self._require_strength()
         self.compiled: Callable[[Vector, Vector], float] | None = None
         """A compiled tick of `arm`, for the hand's reference at its begin and end; None: Python runs the ticks."""
@@ -73,7 +75,8 @@ class SimulatedArm(SimulatedDevice):
         gravity(arm.chain, arm.q, arm.q, arm.load)
         for joint, load in zip(self.table.joints, arm.load, strict=False):
             if arm.compensated and joint.effort <= abs(load):
-                allowed = f"above {abs(load):.3g} Nm, which the arm's weight needs at home"
+                unit = "N" if joint.slides else "Nm"
+                allowed = f"above {abs(load):.3g} {unit}, which the arm's weight needs at home"
                 raise InvalidParameter(f"the effort of {self.table.name}'s joint {joint.name}", joint.effort, allowed)
 
     @property
@@ -149,6 +152,14 @@ class SimulatedArm(SimulatedDevice):
         return motion.tick(self.arm, (begin, end), 0) if self.compiled is None else self.compiled(begin, end)
 
 
+def require_hinges(table: ArmTable) -> None:
+    """Raise InvalidParameter if a joint slides: coupled joint by joint, all axes have one unit."""
+    for joint in table.joints:
+        if joint.slides:
+            why = f"its joint {joint.name} slides; axes=joints needs joints that turn, as all axes have one unit"
+            raise InvalidParameter("the arm", table.name, "", why=why)
+
+
 def turned(table: ArmTable, position: Vector) -> list[float]:
     """The posture at `position` from home, joint by joint [rad]. Raises InvalidParameter: beyond a stop."""
     q = [home + angle for home, angle in zip(table.home, position, strict=True)]
@@ -165,7 +176,7 @@ def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:
     Raises InvalidParameter: none was found.
     """
     n, tip = chain.n, chain.tip
-    q, target, reach = np.array(table.home), np.array(position), max(table.reaches)
+    q, target, reach = np.array(table.home), np.array(position), max(table.reaches) or 1.0
     lower, upper = (
         np.array(ends) for ends in zip(*((joint.lower, joint.upper) for joint in table.joints), strict=True)
     )
@@ -175,9 +186,7 @@ def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:
         if float(np.linalg.norm(error)) <= _NEAR_M * reach:
             return [float(angle) for angle in q]
         J = np.array(tip.columns)[:n].T
-        q = np.clip(
-            q + J.T @ np.linalg.solve(J @ J.T + _DAMPED * max(table.reaches) ** 2 * np.eye(3), error), lower, upper
-        )
+        q = np.clip(q + J.T @ np.linalg.solve(J @ J.T + _DAMPED * reach**2 * np.eye(3), error), lower, upper)
     shown = tuple(round(value, 6) for value in position)
     allowed = f"within the reach of {table.name}, counted from the tip at home"
     raise InvalidParameter("the hand's start [m]", shown, allowed)

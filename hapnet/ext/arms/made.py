@@ -21,6 +21,9 @@ STOP_LOSS_SPRAD = 0.5
 SLIP_RADPS = 0.01
 """Below this rate friction acts nearly as a damper."""
 
+LEVER_M = 0.1
+"""Stops and friction of a slide are those of a hinge at this lever."""
+
 BRAKES_AT = 0.1
 """The share above the greatest rate at which a drive brakes with its motor's full torque."""
 
@@ -41,15 +44,17 @@ def arm_of(
     for i in range(n):
         arm.port.columns[i][i] = 1.0  # those of a tip are computed in each step
     arm.period, arm.steps, arm.h = period, steps, period / steps
-    arm.compensated, arm.slip = int(compensated), SLIP_RADPS
+    arm.compensated = int(compensated)
     arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
     inertias = np.diagonal(at_home(table)[1]).tolist()
     swing = 2.0 * math.pi * STOP_HZ
     for i, joint in enumerate(table.joints):
+        lever = LEVER_M if joint.slides else 1.0
+        arm.slip[i] = SLIP_RADPS * lever
         arm.damping[i], arm.friction[i] = joint.damping, joint.friction
         arm.lower[i], arm.upper[i], arm.effort[i], arm.speed[i] = joint.lower, joint.upper, joint.effort, joint.speed
         arm.stop_stiffness[i] = inertias[i] * swing * swing
-        arm.stop_damping[i] = STOP_LOSS_SPRAD * arm.stop_stiffness[i]
+        arm.stop_damping[i] = STOP_LOSS_SPRAD / lever * arm.stop_stiffness[i]
         if joint.speed < math.inf:
             torque = joint.effort if joint.effort < math.inf else joint.speed * inertias[i] * swing
             arm.brake[i] = torque / (BRAKES_AT * joint.speed)

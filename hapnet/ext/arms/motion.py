@@ -82,7 +82,7 @@ class Arm(Record):
     h: float
     damping: OfJoints
     friction: OfJoints
-    slip: float
+    slip: OfJoints
     lower: OfJoints
     upper: OfJoints
     stop_stiffness: OfJoints
@@ -201,7 +201,7 @@ def _add_joints(arm: Arm) -> None:
         w = arm.w[i]
         drag = arm.damping[i]
         if arm.friction[i] > 0.0:
-            drag += arm.friction[i] / math.sqrt(w * w + arm.slip * arm.slip)
+            drag += arm.friction[i] / math.sqrt(w * w + arm.slip[i] * arm.slip[i])
         arm.drag[i] = drag
         arm.system[i][i] += drag
         arm.stop_force[i] = arm.stop_slope[i] = 0.0

@@ -1,5 +1,6 @@
 """Simulated arms by their names: ``omni``, and ``arm:FILE.urdf?tip=LINK&base=LINK&home=0,0.5,...``.
 
+``&armature=`` is what the motors' rotors add to the joints' inertia, for all or for each [kg m^2].
 With ``?axes=joints`` an arm is coupled joint by joint, in rad and Nm.
 """
 
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,8 @@ from hapnet import checks
 from hapnet.assembly.choices import Choice, Contribution
 from hapnet.assembly.own_parts import named_section
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.device import TIP_AXES, SimulatedArm
+from hapnet.ext.arms.device import TIP_AXES, SimulatedArm, require_hinges
+from hapnet.ext.arms.home import remarks
 from hapnet.ext.arms.picture import ArmPicture, described
 from hapnet.ext.arms.table import ArmTable, apparent_masses, at_home, felt_damping, omni
 from hapnet.ext.arms.urdf import table_from
@@ -45,7 +48,18 @@ def table_of(hardware: str) -> ArmTable:
         why = f"{error.strerror}: {Path(file).absolute()}" if isinstance(error, OSError) else error
         raise InvalidParameter("hardware", hardware, f"a URDF file that can be read ({why})") from None
     home = checks.vector("home", given["home"].split(",")) if "home" in given else ()
-    return table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
+    table = table_from(text, Path(file).name, given.get("tip", ""), given.get("base", ""), home)
+    return _with_rotors(table, given["armature"]) if "armature" in given else table
+
+
+def _with_rotors(table: ArmTable, armature: str) -> ArmTable:
+    values, n = checks.vector("armature", armature.split(",")), len(table.joints)
+    if len(values) == 1:
+        values *= n
+    if len(values) != n:
+        raise InvalidParameter(f"armature of {table.name}", armature, f"one number, or {n}, one for each joint")
+    joints = [replace(joint, armature=value) for joint, value in zip(table.joints, values, strict=True)]
+    return replace(table, joints=tuple(joints))
 
 
 def by_joints(hardware: str) -> bool:
@@ -56,12 +70,12 @@ def by_joints(hardware: str) -> bool:
 def _options(hardware: str) -> dict[str, str]:
     """The options behind an arm's name. Raises InvalidParameter."""
     is_file = hardware.startswith("arm:")
-    known = {"tip", "base", "home", "axes"} if is_file else {"axes"}
+    known = {"tip", "base", "home", "axes", "armature"} if is_file else {"axes"}
     parts = [part.partition("=")[::2] for part in hardware.partition("?")[2].split("&") if part]
     given = dict(parts)
     named = arm_file(hardware) if is_file else hardware.partition("?")[0] == "omni"
     if not named or len(given) < len(parts) or not given.keys() <= known or given.get("axes", "tip") not in AXES:
-        words = "arm:FILE.urdf?tip=LINK, also with &base=LINK, &home=RAD,RAD,... and &axes=joints, each once"
+        words = "arm:FILE.urdf?tip=LINK, also &base=LINK, &home=RAD,RAD,..., &armature=KGM2, &axes=joints, each once"
         raise InvalidParameter("hardware", hardware, words if is_file else "omni, or omni?axes=joints")
     return given
 
@@ -75,6 +89,7 @@ def arm_values(params: Params) -> Choice:
         raise InvalidParameter("hardware", params.hardware, "simulated, or a device that turns, in a scene with a tool")
     table, device = table_of(params.hardware), params.device
     if by_joints(params.hardware):
+        require_hinges(table)
         dof = len(table.joints)
         own = {"mass": float(np.linalg.eigvalsh(at_home(table)[1])[0])}
         own["own_damping"] = min(joint.damping for joint in table.joints)
@@ -113,30 +128,18 @@ def simulated_arm(params: Params, hand: Operator) -> SimulatedArm:
         )  # fmt: skip
 
 
+def warnings(params: Params) -> tuple[str, ...]:
+    """Lines for the user on the arm's file and its home. Raises InvalidParameter: as `table_of`."""
+    table = table_of(params.hardware)
+    return table.remarks if by_joints(params.hardware) else table.remarks + remarks(table)
+
+
 def real_time_warnings(params: Params) -> tuple[str, ...]:
     """Warnings for the user of an arm, shown before control starts."""
     why = no_compiler()
     if why is None or params.device.substeps == 1:
         return ()
     return (f"{why}: at 1 kHz an arm needs the extra fast, or --set device.substeps=1",)
-
-
-def home_warnings(params: Params) -> tuple[str, ...]:
-    """A warning if at home the tip cannot move along some direction: the hand would push there in vain."""
-    if by_joints(params.hardware):
-        return ()
-    table = table_of(params.hardware)
-    J, M = at_home(table)
-    mobility, directions = np.linalg.eigh(J @ np.linalg.solve(M, J.T))
-    stuck = directions[:, mobility <= _STUCK * mobility[-1]].T
-    if not len(stuck):
-        return ()
-    axes = " and ".join(sorted({"xyz"[int(np.argmax(np.abs(one)))] for one in stuck}))
-    why = f"at home ({', '.join(f'{angle:.3g}' for angle in table.home)} rad) the tip of {table.name} cannot move along"
-    return (f"{why} {axes}: choose other angles by home=RAD,RAD,...",)
-
-
-_STUCK = 1e-6  # mobility along a direction, as a share of the largest
 
 
 def picture(meta: Mapping[str, Any]) -> ArmPicture | None:

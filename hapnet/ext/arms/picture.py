@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,23 +29,29 @@ _SLENDER, _THINNEST_M, _THICKEST_M = 0.07, 0.006, 0.03
 
 
 def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
-    """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home."""
+    """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home; the
+    numbers of the joints that slide, if any do."""
     frames = [[list(joint.xyz), list(joint.rpy), list(joint.axis)] for joint in table.joints]
-    return {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
+    slides = [i for i, joint in enumerate(table.joints) if joint.slides]
+    found = {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
+    return {**found, "slides": slides} if slides else found
 
 
 class ArmPicture:
     """The picture of an arm that was `described`; places are in metres, from the tip at home.
 
-    Raises InvalidParameter, KeyError, TypeError, ValueError: the description is of no arm.
+    Raises InvalidParameter, LookupError, TypeError, ValueError: the description is of no arm.
     """
 
     def __init__(self, described: Mapping[str, Any]) -> None:
         frames = [[_floats(vector) for vector in frame] for frame in described["joints"]]
-        joints = tuple([Joint(str(i), xyz, rpy, axis) for i, (xyz, rpy, axis) in enumerate(frames)])
         tip, home = _floats(described["tip"]), _floats(described["home"])
+        slides = set(map(int, described.get("slides", ())))
+        joints = [Joint(str(i), xyz, rpy, axis) for i, (xyz, rpy, axis) in enumerate(frames)]
+        for i in slides:  # a slide has stops, which no picture shows
+            joints[i] = replace(joints[i], lower=home[i] - 1.0, upper=home[i] + 1.0, slides=True)
         self.by_joints = bool(described["by_joints"])
-        self._table = ArmTable("arm", joints, tip, home)
+        self._table = ArmTable("arm", tuple(joints), tip, home)
         self._chain = chain_of(self._table)
         difference(self._chain, self._chain.tip, home, home)
         self._origin = np.array(self._chain.tip.begin)
@@ -53,7 +60,7 @@ class ArmPicture:
     @staticmethod
     def of(description: Mapping[str, Any]) -> ArmPicture | None:
         """The picture in a recording's description, or a side's; None: there is none."""
-        with suppress(InvalidParameter, KeyError, TypeError, ValueError, AttributeError):
+        with suppress(InvalidParameter, LookupError, TypeError, ValueError, AttributeError):
             return ArmPicture(description["arm"])
         return None
 

@@ -30,12 +30,14 @@ _ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Joint:
-    """A revolute joint, and the link that it turns, as in URDF.
+    """A joint that turns or slides, and the link that it moves, as in URDF.
 
     xyz, rpy : the joint's frame at q = 0 in the frame of the joint before, fixed angles roll, pitch, yaw [m], [rad].
     axis : in that frame. mass [kg], centre [m], inertia about the centre [kg m^2] (3, 3) : of the link, in the frame.
     lower, upper : the stops [rad]. effort : the motor's greatest torque [Nm]. speed : greatest q' [rad/s].
-    damping [Nms/rad], friction : Coulomb's [Nm].
+    damping [Nms/rad], friction : Coulomb's [Nm]. armature : what the motor's rotor adds to the inertia: its
+    own times the square of the gear's ratio [kg m^2]. slides : whether the joint is prismatic, with m for rad, N for Nm
+    and kg for kg m^2.
     """
 
     name: str
@@ -51,13 +53,22 @@ class Joint:
     speed: float = math.inf
     damping: float = 0.0
     friction: float = 0.0
+    armature: float = 0.0
+    slides: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The unit of its coordinate q."""
+        return "m" if self.slides else "rad"
 
 
 @dataclass(frozen=True)
 class ArmTable:
     """An arm: its joints from the base on, the tip in the last joint's frame [m], and a posture within its stops.
 
-    home : q there [rad]; the tip is then at the origin of the device's positions. gamma : gravity [m/s^2].
+    home : q there [rad], of a slide [m]; the tip is then at the origin of the device's positions.
+    gamma : gravity [m/s^2].
+    remarks : lines for the user on what its file has that is not used or looks wrong.
     """
 
     name: str
@@ -65,12 +76,21 @@ class ArmTable:
     tip: Vector
     home: Vector
     gamma: Vector = (0.0, 0.0, -GRAVITY_MPS2)
+    remarks: tuple[str, ...] = ()
 
     @property
     def reaches(self) -> list[float]:
         """The greatest distance of each joint's axis from the tip [m]."""
-        lengths = [float(np.linalg.norm(joint.xyz)) for joint in self.joints[1:]] + [float(np.linalg.norm(self.tip))]
+        lengths = [
+            float(np.linalg.norm(joint.xyz)) + (max(abs(joint.lower), abs(joint.upper)) if joint.slides else 0.0)
+            for joint in self.joints[1:]
+        ] + [float(np.linalg.norm(self.tip))]
         return [added(lengths[i:]) for i in range(len(lengths))]
+
+    @property
+    def levers(self) -> list[float]:
+        """The greatest motion of the tip when a joint moves by 1 [m/rad]; by 1 m at a slide [m/m]."""
+        return [1.0 if joint.slides else reach for joint, reach in zip(self.joints, self.reaches, strict=True)]
 
 
 def rotation_of(rpy: Vector) -> Array:
@@ -86,7 +106,7 @@ def rotation_of(rpy: Vector) -> Array:
 
 
 def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
-    """The chain of a table; its joints turn about z, so frames with another axis are rotated.
+    """The chain of a table; its joints turn about z or slide along it, so frames with another axis are rotated.
 
     tip_mass : of an additional body fixed to the tip [kg].
 
@@ -111,6 +131,7 @@ def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
         _check_body(table.name, joint, inertia)
         about = inertia + joint.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         second = 0.5 * np.trace(about) * np.eye(3) - about
+        link.slides, link.armature = int(joint.slides), joint.armature
         link.rotation = (own.T @ rotation_of(joint.rpy) @ turn).tolist()
         link.offset = (own.T @ np.array(joint.xyz)).tolist()
         link.mass, link.moment = joint.mass, (joint.mass * turn.T @ centre).tolist()
@@ -121,6 +142,7 @@ def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
     chain.tip.arms[n][:] = (own.T @ np.array(table.tip)).tolist()
     for i in range(n, 0, -1):
         behind += chain.links[i].mass
+        chain.tip.shifted[i - 1], chain.weight.shifted[i - 1] = 1.0, behind
         chain.tip.arms[i - 1][:] = chain.links[i].offset
         chain.weight.arms[i - 1][:] = (behind * np.array(chain.links[i].offset) + moments[i - 1]).tolist()
     chain.weight.arms[n][:] = moments[n].tolist()
@@ -145,13 +167,16 @@ def _to_z(name: str, joint: Joint) -> Array:
 def _check_joint(name: str, joint: Joint, home: float) -> None:
     """Raise InvalidParameter if a limit or a loss would make energy, or if home is outside the stops."""
     of = f"of {name}'s joint {joint.name}"
-    stops = f"{joint.lower:g} to {joint.upper:g} rad"
+    unit, force = joint.unit, "N" if joint.slides else "Nm"
+    stops = f"{joint.lower:g} to {joint.upper:g} {unit}"
     for what, value, allowed, holds in (
-        ("the lower stop", joint.lower, f"below the upper one, {joint.upper:g} rad", joint.lower < joint.upper),
-        ("the effort", joint.effort, "above 0 Nm", joint.effort > 0.0),
-        ("the speed", joint.speed, "above 0 rad/s", joint.speed > 0.0),
+        ("the lower stop", joint.lower, f"below the upper one, {joint.upper:g} {unit}", joint.lower < joint.upper),
+        ("the range", stops, "finite for a slide", not joint.slides or math.isfinite(joint.upper - joint.lower)),
+        ("the effort", joint.effort, f"above 0 {force}", joint.effort > 0.0),
+        ("the speed", joint.speed, f"above 0 {unit}/s", joint.speed > 0.0),
         ("the damping", joint.damping, "a finite one, 0 or above", 0.0 <= joint.damping < math.inf),
         ("the friction", joint.friction, "a finite one, 0 or above", 0.0 <= joint.friction < math.inf),
+        ("the armature", joint.armature, "a finite one, 0 or above", 0.0 <= joint.armature < math.inf),
         ("home", home, f"within its stops, {stops}", math.isfinite(home) and joint.lower <= home <= joint.upper),
     ):
         if not holds:
@@ -208,7 +233,8 @@ def at_home(table: ArmTable) -> tuple[Array, Array]:
     )
     if not least[0] > _ROUNDING * max(least[-1], bodies):
         joint = table.joints[int(np.argmax(np.abs(directions[:, 0])))]
-        name = f"the inertia that {table.name}'s joint {joint.name} turns at home [kg m^2]"
+        verb, unit = ("moves", "kg") if joint.slides else ("turns", "kg m^2")
+        name = f"the inertia that {table.name}'s joint {joint.name} {verb} at home [{unit}]"
         raise InvalidParameter(name, 0.0, "above 0, from an <inertia> or from a mass off the joint's axis")
     return J, M
 

@@ -52,7 +52,11 @@ def arm_table(arm: str, tip: str) -> ArmTable:
     """The arm ``omni``, or the arm of a URDF file with the link `tip` as its tip. Raises InvalidParameter."""
     if arm == "omni":
         return omni()
-    return table_from(_text("arm", arm, "omni, or a URDF file that can be read"), Path(arm).name, tip)
+    table = table_from(_text("arm", arm, "omni, or a URDF file that can be read"), Path(arm).name, tip)
+    for joint in table.joints:
+        if joint.slides:
+            raise InvalidParameter("arm", arm, f"an arm whose joints turn (its joint {joint.name} is prismatic)")
+    return table
 
 
 def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[JointServo, ...]:

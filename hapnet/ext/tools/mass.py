@@ -35,7 +35,7 @@ class ToolMass(Mass):
         self._own = K, B, K_arms, B_arms
         m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
         a, b, c = (length * length for length in tool.size)
-        least = 2.0 * m * arm_m * arm_m
+        least = 2.0 * m * arm_m * arm_m  # with less, the world's damper makes the spin change its sign in each step
         inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
         self.body = RigidBody(m, inertia, position, arm_m)
         settle(self.body)

@@ -23,7 +23,7 @@ class Tool:
     points : of its surface, (N, 3) [m] from the centre: only these touch. size : of the box that is drawn [m].
     round : whether it is a cylinder along z instead. closed : whether solids' edges touch its faces, too.
     inertia : about its axes (3,) [kg m^2]; None: that of a box of this size with the world's virtual mass, but at least
-        that of this mass at the ends of the pose's arms.
+        that of this mass at the ends of the pose's arms, so that its spin settles in the world's long steps.
 
     Raises InvalidParameter.
     """

@@ -1,20 +1,21 @@
 """Arms to compare with: random tables, and the same arm in MuJoCo."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.ext.arms.table import ArmTable, Joint, rotation_of
+from hapnet.ext.arms.table import ArmTable, Joint, omni, rotation_of
 
 
 def vector(values: Array) -> Vector:
     return tuple(values.tolist())
 
 
-def random_arm(rng: np.random.Generator, n: int) -> ArmTable:
-    """An arm of n joints with frames, axes and bodies that have nothing special."""
+def random_arm(rng: np.random.Generator, n: int, slides: tuple[int, ...] = (), armature: float = 0.0) -> ArmTable:
+    """An arm of n joints with frames, axes and bodies that have nothing special; which slide, and rotors' inertia."""
     joints = []
     for i in range(n):
         turn = rotation_of(vector(rng.uniform(-math.pi, math.pi, 3)))
@@ -30,9 +31,24 @@ def random_arm(rng: np.random.Generator, n: int) -> ArmTable:
                 float(rng.uniform(0.1, 0.5)),
                 vector(rng.uniform(-0.1, 0.1, 3)),
                 tuple(map(vector, inertia)),  # type: ignore[arg-type]
+                lower=-9.0 if i in slides else -math.inf,
+                upper=9.0 if i in slides else math.inf,
+                armature=armature * (i + 1),
+                slides=i in slides,
             )
         )
-    return ArmTable(f"random{n}", tuple(joints), vector(rng.uniform(-0.2, 0.2, 3)), (0.0,) * n)
+    name = "".join([f"random{n}", *(f"_slides{i}" for i in slides)])
+    return ArmTable(name, tuple(joints), vector(rng.uniform(-0.2, 0.2, 3)), (0.0,) * n)
+
+
+def cylindrical() -> ArmTable:
+    """The omni with a slide in its upper bar, and with rotors behind gears."""
+    waist, shoulder, elbow = omni().joints
+    inertia = ((1e-5, 0.0, 0.0), (0.0, 1e-5, 0.0), (0.0, 0.0, 1e-5))
+    body = Joint("slide", (0.0, 0.02, 0.0), axis=(0.0, 1.0, 0.0), mass=0.05, inertia=inertia, slides=True, lower=-0.5,
+                 upper=0.5, damping=2.0, armature=0.1)  # fmt: skip
+    joints = (replace(waist, armature=2e-3), shoulder, body, replace(elbow, armature=1e-3))
+    return replace(omni(), name="cylindrical", joints=joints, home=(*omni().home[:2], 0.01, omni().home[2]))
 
 
 def in_mujoco(table: ArmTable) -> tuple[Any, Any]:
@@ -56,7 +72,8 @@ def in_mujoco(table: ArmTable) -> tuple[Any, Any]:
             fullinertia=(xx, yy, zz, xy, xz, yz),
             explicitinertial=True,
         )
-        body.add_joint(name=joint.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=joint.axis)
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.slides else mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=joint.armature)
     body.add_site(name="tip", pos=table.tip)
     model = spec.compile()
     return model, mujoco.MjData(model)

@@ -11,25 +11,27 @@ from scipy.integrate import solve_ivp
 
 from hapnet.checks import Array, Vector
 from hapnet.ext.arms import motion
-from hapnet.ext.arms.made import SLIP_RADPS, arm_of
+from hapnet.ext.arms.made import LEVER_M, SLIP_RADPS, arm_of
 from hapnet.ext.arms.motion import Arm
 from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.plant.operator import Impedance
 from tests.conftest import mostly_slow
-from tests.plant.arms.references import in_mujoco, random_arm
+from tests.plant.arms.references import cylindrical, in_mujoco, random_arm
 
 T = 1e-3
 NO_HAND = Impedance(0.0, 0.0, 0.0)
 STILL: list[Vector] = [(0.0, 0.0, 0.0)] * 2
 
 
-def with_joints(table: ArmTable, **changes: float) -> ArmTable:
+def with_joints(table: ArmTable, **changes: Any) -> ArmTable:
     return replace(table, joints=tuple(replace(joint, **changes) for joint in table.joints))
 
 
 def loose(table: ArmTable) -> ArmTable:
-    """Without stops, damping and limits."""
-    return with_joints(table, lower=-math.inf, upper=math.inf, damping=0.0, effort=math.inf)
+    """Without stops, damping and limits; slides have stops, which are far."""
+    changed = with_joints(table, lower=-math.inf, upper=math.inf, damping=0.0, effort=math.inf)
+    pairs = zip(table.joints, changed.joints, strict=True)
+    return replace(changed, joints=tuple(one if one.slides else other for one, other in pairs))
 
 
 def set_going(arm: Arm, rates: Array) -> None:
@@ -44,13 +46,15 @@ def energy(arm: Arm) -> float:
     return motion.kinetic(arm) + motion.potential(arm)
 
 
-@pytest.mark.parametrize("n", mostly_slow([3, 2, 6, 7], 1))
+@pytest.mark.parametrize(
+    ("n", "slides"), mostly_slow([(3, ()), (3, (0, 2)), (2, ()), (6, ()), (7, ()), (7, (1, 4))], 2)
+)
 @pytest.mark.long
-def test_free_motion_keeps_its_energy(n: int) -> None:
-    """To 1e-13 J in 2 s at 1 ms, without weight and with it."""
+def test_free_motion_keeps_its_energy(n: int, slides: tuple[int, ...]) -> None:
+    """To 1e-13 J in 2 s at 1 ms, without weight and with it; with joints that slide, and with rotors."""
     rng = np.random.default_rng(n)
-    table = loose(random_arm(rng, n))
-    for compensated in (True, False) if n < 6 else (True,):  # seven heavy links fall with 100 J
+    table = loose(random_arm(rng, n, slides, 0.01 * len(slides)))
+    for compensated in (True, False) if n < 6 and not slides else (True,):  # seven heavy links fall with 100 J
         arm = arm_of(table, NO_HAND, T, 1, compensated=compensated)
         set_going(arm, rng.normal(size=n) / n)
         start, worst = energy(arm), 0.0
@@ -86,6 +90,7 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
     n = len(table.joints)
     M, J, J_dot, home = np.zeros((n, n)), np.zeros((3, n)), np.zeros((3, n)), np.array(table.home)
     damping = np.array([joint.damping for joint in table.joints])
+    slip = SLIP_RADPS * np.array([LEVER_M if joint.slides else 1.0 for joint in table.joints])
     data.qpos[:] = home
     mujoco.mj_forward(model, data)
     origin = data.site_xpos[0].copy()
@@ -98,7 +103,7 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
         mujoco.mj_jacSite(model, data, J, None, 0)
         mujoco.mj_jacDot(model, data, J_dot, None, data.site_xpos[0], n)
         pull = hand.stiffness * (RAMP * t - data.site_xpos[0] + origin) + hand.damping * (RAMP - J @ v) + PUSH
-        rub = friction * v / np.sqrt(v * v + SLIP_RADPS**2)
+        rub = friction * v / np.sqrt(v * v + slip * slip)
         torque = J.T @ (pull - hand.mass * (J_dot @ v)) - data.qfrc_bias - damping * v - rub
         return np.concatenate([v, np.linalg.solve(M + hand.mass * J.T @ J, torque)])
 
@@ -111,14 +116,15 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
 HAND = Impedance(0.2, 3.0, 60.0)
 
 
+@pytest.mark.parametrize(("arm_table", "coarse"), [(omni, 1), (cylindrical, 2)])
 @pytest.mark.long
-def test_trajectories_are_those_of_an_independent_integrator() -> None:
+def test_trajectories_are_those_of_an_independent_integrator(arm_table: Callable[[], ArmTable], coarse: int) -> None:
     """A falling arm that is pushed, damped and rubs, in a hand that leads it: within 1e-5 rad for 0.7 s, and better by
-    16 with a quarter of the step."""
-    table = with_joints(omni(), friction=0.02)
+    16 with a quarter of the step. The slide's friction is stiff, so it begins with half a millisecond."""
+    table = with_joints(arm_table(), friction=0.02)
     expected = reference(table, HAND, 0.02, 700)
     errors = []
-    for steps in (1, 4):
+    for steps in (coarse, 4 * coarse):
         arm = arm_of(table, HAND, T, steps, compensated=False)
         arm.commanded[:3] = PUSH.tolist()
         angles, closure = followed(arm, 700)

@@ -1,6 +1,7 @@
 """The picture of an arm: its links are where the arm is, whatever drew it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,27 +29,34 @@ def turned(quaternion: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
-def test_seven_links_are_where_mujoco_has_them() -> None:
-    """Each capsule goes from its joint to the next one, and the last to the tip; counted from the tip at home."""
+@pytest.mark.parametrize("slides", [(), (0, 4)])
+def test_seven_links_are_where_mujoco_has_them(slides: tuple[int, ...]) -> None:
+    """Each capsule goes from its joint to the next one, and the last to the tip; counted from the tip at home. A
+    slide's link is away from the end of the capsule before it."""
     import mujoco
 
     rng = np.random.default_rng(3)
-    table = random_arm(rng, 7)
+    table = random_arm(rng, 7, slides)
+    home = (1.5, 0.0, 0.0, 0.0, -2.0, 0.0, 0.0)
+    table = replace(table, home=home) if slides else table
     picture = ArmPicture(json.loads(json.dumps(described(table, True))))
     model, data = in_mujoco(table)
+    data.qpos[:] = table.home
     mujoco.mj_forward(model, data)
-    home = data.site_xpos[0].copy()
+    origin = data.site_xpos[0].copy()
     base, *links = picture.parts
     assert base.body == RESTS
     for _ in range(20):
         q = rng.uniform(-2.0, 2.0, 7)
         data.qpos[:] = q
         mujoco.mj_forward(model, data)
-        poses = picture.poses(picture.angles(q.tolist(), ()))
-        assert np.abs(poses[:, :3] - (data.xpos[1:] - home)).max() <= 1e-12
-        assert picture.tip(q.tolist()) == pytest.approx(data.site_xpos[0] - home, abs=1e-12)
-        ends = np.vstack([poses[1:, :3], data.site_xpos[0] - home])
-        for part, pose, end in zip(links, poses, ends, strict=True):
+        poses = picture.poses(q.tolist())
+        assert np.abs(poses[:, :3] - (data.xpos[1:] - origin)).max() <= 1e-12
+        assert picture.tip((q - table.home).tolist()) == pytest.approx(data.site_xpos[0] - origin, abs=1e-12)
+        ends = np.vstack([poses[1:, :3], data.site_xpos[0] - origin])
+        for k, (part, pose, end) in enumerate(zip(links, poses, ends, strict=True), 1):
+            if k in slides:
+                continue
             placed = part.vertices @ turned(pose[3:]).T + pose[:3]
             middle = 0.5 * (placed.min(axis=0) + placed.max(axis=0))
             assert np.abs(middle - 0.5 * (pose[:3] + end)).max() < 1e-6

@@ -9,9 +9,10 @@ import pytest
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import difference, gravity, matrices
 from hapnet.ext.arms.parameters import arm_values, table_of
-from hapnet.ext.arms.table import apparent_masses, chain_of, felt_damping
+from hapnet.ext.arms.table import apparent_masses, at_home, chain_of, felt_damping, home_of
 from hapnet.ext.arms.urdf import table_from
 from hapnet.params import Params
+from hapnet.recording import frames
 from hapnet.simulation.simulation import Simulation
 
 
@@ -47,13 +48,21 @@ ARM = f"""<robot name="test">
 </robot>"""
 
 
-def test_the_arm_is_mujocos() -> None:
+SLIDING = ARM.replace(
+    'type="continuous"><parent link="motor"/>',
+    'type="prismatic"><limit lower="-0.2" upper="0.3" effort="5" velocity="1"/><parent link="motor"/>',
+)
+
+
+@pytest.mark.parametrize("text", [ARM, SLIDING], ids=["turns", "slides"])
+def test_the_arm_is_mujocos(text: str) -> None:
     """Fixed links are carried, and a jaw as it is at 0; M, C q' + g and the tip within 1e-9 at 200 states."""
     import mujoco
 
-    table = table_from(ARM, "test.urdf", "tip")
+    table = table_from(text, "test.urdf", "tip")
+    assert [joint.slides for joint in table.joints] == [False, text == SLIDING, False]
     extra = '<mujoco><compiler fusestatic="false"/></mujoco>'
-    model = mujoco.MjModel.from_xml_string(ARM.replace('<robot name="test">', f'<robot name="test">{extra}'))
+    model = mujoco.MjModel.from_xml_string(text.replace('<robot name="test">', f'<robot name="test">{extra}'))
     data = mujoco.MjData(model)
     where = [model.joint(joint.name).id for joint in table.joints]
     chain, g, whole = chain_of(table), [0.0] * 3, np.zeros((4, 4))
@@ -74,13 +83,13 @@ def test_the_arm_is_mujocos() -> None:
 
 
 def test_limits_and_home() -> None:
-    """An effort or a velocity of 0 is none; home is the middle between the stops, or what is asked for."""
+    """An effort or a velocity of 0 is none; the middle between the stops; home is what is asked for."""
     shoulder, elbow, wrist = table_from(ARM, "test.urdf", "tip").joints
     assert (shoulder.lower, shoulder.upper, shoulder.effort, shoulder.speed) == (-1.5, 2.0, 7.0, 3.0)
     assert (shoulder.damping, shoulder.friction) == (0.1, 0.02)
     assert (elbow.lower, elbow.upper, elbow.effort) == (-math.inf, math.inf, math.inf)
     assert (wrist.effort, wrist.speed, wrist.axis) == (math.inf, math.inf, (1.0, 0.0, 0.0))
-    assert table_from(ARM, "test.urdf", "tip").home == (0.25, 0.0, 0.0)
+    assert home_of((shoulder, elbow, wrist)) == (0.25, 0.0, 0.0)
     assert table_from(ARM, "test.urdf", "tip", home=(0.1, 0.2, 0.3)).home == (0.1, 0.2, 0.3)
     assert [joint.name for joint in table_from(ARM, "test.urdf", "tip", "motor").joints] == ["elbow", "wrist"]
 
@@ -90,7 +99,7 @@ def test_limits_and_home() -> None:
     [
         ("", "", "", "the tip of test.urdf is ''"),
         ("", "", "nose", "the tip of test.urdf is 'nose'; allowed: .tip=LINK of fore"),
-        ("", "", "jaw", "the type of test.urdf's joint grip is 'prismatic'"),
+        ('type="continuous"', 'type="planar"', "tip", "the type of test.urdf's joint elbow is 'planar'"),
         ("", "", "plate", "the arm test.urdf: no joint moves its tip, the link plate"),
         ("</robot>", "", "tip", "the arm test.urdf: it is not a URDF: its XML is broken .no element found"),
         ("robot", "sdf", "tip", "its root is <sdf>; that of a URDF is <robot>"),
@@ -114,7 +123,7 @@ def test_what_is_no_arm_is_refused(old: str, new: str, tip: str, message: str) -
 def test_two_joints_of_one_name_with_one_child_are_named() -> None:
     """A joint that was copied: `its joints go round` would be the wrong reason."""
     twice = '<joint name="end" type="fixed"><parent link="hand"/><child link="tip"/></joint></robot>'
-    with pytest.raises(InvalidParameter, match=r"the arm test\.urdf: the link tip is the child of two joints, "):
+    with pytest.raises(InvalidParameter, match=r"the arm test\.urdf: it has two joints named 'end'"):
         table_from(ARM.replace("</robot>", twice), "test.urdf", "tip")
 
 
@@ -128,8 +137,8 @@ def test_joints_that_go_round_are_refused() -> None:
 
 def test_a_loop_beside_the_chain_is_refused() -> None:
     """Links that are fixed to one another, of which two have the same child; and a loop through the base."""
-    loop = "".join(
-        f'<link name="{b}"/><joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+    loop = '<link name="x"/><link name="y"/>' + "".join(
+        f'<joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
         for a, b in ("hx", "xy", "yx")
     ).replace('"h"', '"hand"')
     with pytest.raises(InvalidParameter, match="is the child of two joints"):
@@ -190,6 +199,52 @@ def test_a_tip_on_its_joints_axis_is_refused(tmp_path: Path, tip: str) -> None:
     (tmp_path / "one.urdf").write_text(ONE.format(off, tip))
     with pytest.raises(InvalidParameter, match="allowed: a tip that moves"):
         arm_values(Params().set({"hardware": f"arm:{tmp_path / 'one.urdf'}"}))
+
+
+def test_a_slide_in_a_run(tmp_path: Path) -> None:
+    """Over 4g in a hand that moves it: passive, the slide moves; its column is in m; joint by joint it is refused."""
+    file = tmp_path / "slides.urdf"
+    file.write_text(SLIDING)
+    name = f"arm:{file}?tip=tip&home=0.3,0.1,0.2"
+    params = Params().set(
+        {"hardware": name, "duration_s": 0.4, "link.up": "4g", "link.down": "4g", "device.substeps": 1, "scene": "free",
+         "operator": "sine", "device.resolution_m": 1e-5}
+    )  # fmt: skip
+    result = Simulation(params, 1).run()
+    assert result.summary["verdict"]["passive"] is True
+    columns = frames.table(result.recording)
+    assert np.nanmax(np.abs(columns["joint_2_m"] - 0.1)) > 1e-3
+    assert {"joint_1_rad", "joint_3_rad"} <= columns.keys()
+    with pytest.raises(InvalidParameter, match=r"its joint elbow slides; axes=joints needs joints that turn"):
+        arm_values(params.set({"hardware": name + "&axes=joints"}))
+    endless = SLIDING.replace('lower="-0.2" ', "")
+    with pytest.raises(InvalidParameter, match=r"the range of test.urdf's joint elbow is '-inf to 0.3 m'; .* finite"):
+        table_from(endless, "test.urdf", "tip")
+
+
+def test_rotors_add_to_the_diagonal(tmp_path: Path) -> None:
+    """From <dynamics>, from Drake's transmission (1e-5 kg m^2 behind a gear of 100: 0.1 kg m^2), or from the name."""
+    drake = (
+        '<transmission><joint name="{}"/><actuator name="m"><drake:rotor_inertia value="1e-5"/>'
+        '<drake:gear_ratio value="100"/></actuator></transmission>'
+    )
+    text = (
+        ARM.replace('name="test"', 'name="test" xmlns:drake="http://drake.mit.edu"')
+        .replace('damping="0.1"', 'damping="0.1" armature="0.02"')
+        .replace("</robot>", drake.format("shoulder") + drake.format("wrist") + "</robot>")
+    )
+    plain, heavier = (table_from(one, "test.urdf", "tip") for one in (ARM, text))
+    assert heavier.remarks == plain.remarks
+    added = at_home(heavier)[1] - at_home(plain)[1]
+    np.testing.assert_allclose(added, np.diag([0.12, 0.0, 0.1]), rtol=0.0, atol=1e-12)
+    file = tmp_path / "a.urdf"
+    file.write_text(text)
+    for words, values in (("0.3", (0.3, 0.3, 0.3)), ("1,0,0.5", (1.0, 0.0, 0.5))):
+        assert tuple(j.armature for j in table_of(f"arm:{file}?tip=tip&armature={words}").joints) == values
+    with pytest.raises(InvalidParameter, match=r"armature of a.urdf is '1,2'; allowed: one number, or 3"):
+        table_of(f"arm:{file}?tip=tip&armature=1,2")
+    with pytest.raises(InvalidParameter, match=r"the armature of a.urdf's joint shoulder is -1.0; allowed: a finite"):
+        at_home(table_of(f"arm:{file}?tip=tip&armature=-1"))
 
 
 def test_a_run_with_an_arm_from_a_file(tmp_path: Path) -> None:
