@@ -71,7 +71,7 @@ class Reordered(Hand):
 SOLIDS = {"scene": f"{__name__}:solids", "duration_s": 1.0, "coupling": "pspm", **LINKS}
 WITHOUT_MASS = {name: values for name, values in OF_AXES.items() if name != "world.mass"}
 STAGES = {
-    "device.servo": "sampled", "device.resolution_m": 2e-5, "device.predict_s": 0.02, "device.smoothing_s": 0.01,
+    "device.servo": "sampled", "device.resolution_m": 2.1e-5, "device.predict_s": 0.02, "device.smoothing_s": 0.01,
     "world.predict_s": 0.02, "world.smoothing_s": 0.01, "wire.deadband": 0.05, "operator_model.tremor_m": 0.0,
     "device.on_silence": "release", "device.silence_after_s": 0.06, "world.on_silence": "release",
     "device.trusted_damping": 0.1, **LOSSY,

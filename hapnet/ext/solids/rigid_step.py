@@ -26,7 +26,7 @@ ANCHOR_CEILING_J = 0.01
 CORRECTIONS = 8
 """The most secants after the first plane; 1 is usual."""
 
-SWEEPS, _SETTLED = 60, 1e-9
+SWEEPS, _SETTLED = 60, 1e-13
 """The most rounds over the friction of contacts, which act on one another; they end when no drag changes by more than
 this share."""
 
