@@ -299,4 +299,4 @@ def test_a_ramp_beyond_the_device_is_refused(ramp: str, capsys: Capture) -> None
     assert cli.main(["doctor", "--device", "arm", "--ramp", ramp]) == 2
     assert "at most 4 N" in capsys.readouterr().err
     assert cli.main(["doctor", "--ramp", "1"]) == 2
-    assert "together with --device" in capsys.readouterr().err
+    assert "--ramp 1.0: it needs --device" in capsys.readouterr().err

@@ -273,8 +273,8 @@ def test_force_is_checked_by_the_command(capsys: Capture) -> None:
     name = "tests.doctor.test_own_damping:Slide"
     for words, says in (
         (["--device", name, "--damping", "5"], "at most 3 N"),
-        (["--device", name, "--damping", "0.3", "--ramp", "1"], "without --ramp"),
-        (["--damping", "0.3"], "together with --device"),
+        (["--device", name, "--damping", "0.3", "--ramp", "1"], "run --ramp and --damping one after the other"),
+        (["--damping", "0.3"], "it needs --device"),
     ):
         assert cli.main(["doctor", *words]) == 2
         assert says in capsys.readouterr().err

@@ -75,7 +75,7 @@ def test_what_is_chosen_where_nothing_is_asked_for(tmp_path: Path) -> None:
     [
         ({"x": "device.mass"}, "--x is 'device.mass'; allowed: .*link, device.stiffness, coupling, seed"),
         ({"y": "sed"}, "unknown --y 'sed'; did you mean seed"),
-        ({"x": "link", "y": "link"}, "another than --x"),
+        ({"x": "link", "y": "link"}, "--x shows it already"),
         ({"metric": "gap"}, "unknown --value 'gap'; did you mean gap_m"),
         ({"where": {"link": "5g"}}, "--where link is '5g'; allowed: 4g, lan"),
         ({"where": {"device.stiffness": "60"}}, "allowed: 50, 100, 200, 400"),

@@ -77,11 +77,11 @@ def test_messages_of_any_length_come_whole_and_in_order() -> None:
 
 @pytest.mark.parametrize(("argv", "says"), [
     (["-e", "tcp/127.0.0.1:9", "--scene", "sphere"], "hapnet world --scene sphere"),
-    (["-e", "tcp/127.0.0.1:9", "--encrypt"], "with --secret-file"),
+    (["-e", "tcp/127.0.0.1:9", "--encrypt"], "it needs --secret-file"),
     (["-e", "tcp/127.0.0.1"], "such as tcp/127.0.0.1:17447"),
-    (["--session", "mine"], "with -e or -l"),
-    (["--no-files"], "with -e or -l"),
-    (["--encrypt"], "with -e or -l"),
+    (["--session", "mine"], "it needs -e or -l"),
+    (["--no-files"], "it needs -e or -l"),
+    (["--encrypt"], "it needs -e or -l"),
 ])  # fmt: skip
 def test_what_cannot_be_is_said_in_a_line(argv: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["play", "--no-browser", *argv]) == 2

@@ -263,7 +263,7 @@ def test_a_page_reads_no_file(words: str, tmp_path: Path, monkeypatch: pytest.Mo
     stage = PairSequence(
         led(Params()), 1, tmp_path, "tcp/127.0.0.1:1", Console(file=StringIO()), History(), realtime=False
     )
-    with pytest.raises(InvalidParameter, match="without files"):
+    with pytest.raises(InvalidParameter, match="the page reads no files"):
         stage.link("up", words)
 
 

@@ -160,9 +160,8 @@ def bad_files(tmp_path: Path) -> dict[str, str]:
     vertices, triangles = stair()
     solid = write_stl(tmp_path / "solid.stl", vertices, triangles)
     write_stl(tmp_path / "open.stl", vertices, triangles[:-1])
-    twisted = triangles.copy()
-    twisted[3] = twisted[3, ::-1]
-    write_stl(tmp_path / "twisted.stl", vertices, twisted)
+    fin = [*triangles[0, :2], len(vertices)]  # a third triangle at an edge
+    write_stl(tmp_path / "fin.stl", np.vstack([vertices, [[0.01, 0.02, 0.5]]]), np.vstack([triangles, [fin]]))
     write_stl(tmp_path / "nan.stl", np.where(vertices == 0.03, np.nan, vertices), triangles)
     contents: dict[str, bytes] = {
         "empty.stl": b"", "words.stl": b"solid x\nno facets\n", "cut.ply": b"ply\nformat binary",
@@ -176,7 +175,7 @@ def bad_files(tmp_path: Path) -> dict[str, str]:
         "solid.stl": "the file's unit", "solid.stl?unit=ell": "the file's unit",
         "solid.stl?unit=m": "is the unit right",
         "solid.stl?unit=um": "is the unit right", "open.stl?unit=mm": "a closed mesh",
-        "twisted.stl?unit=mm": "a closed mesh",
+        "fin.stl?unit=mm": "a closed mesh",
         "nan.stl?unit=mm": "finite", "empty.stl?unit=mm": "not empty", "words.stl?unit=mm": "mesh",
         "cut.ply?unit=mm": "mesh",
         "far.obj?unit=mm": "mesh", "points.obj?unit=mm": "triangles", "none.stl?unit=mm": "can be read",
