@@ -30,9 +30,10 @@ ROUNDS = 60
 GROWTHS = 6
 """The number of rounds with a growing change after which a step counts as not found."""
 
-_NONE, _SMALL, _CALM = 3e-16, 1e-13, 0.01
-"""Changes below the first share of the velocities are rounding. Below the second share of them, or of the third [m/s],
-changes should shrink; when rounding stops that, the step is found."""
+_NONE, _SMALL, _LARGER, _CALM = 3e-16, 1e-14, 1e-13, 0.01
+"""Changes below the first share of the velocities are rounding. Below the second share of them, or of the last [m/s],
+changes should shrink; when rounding stops that, the step is found. If it stops that again and again, the third share is
+enough."""
 
 _SHRINKS = 0.25
 """The factor by which a change of a few roundings should shrink."""
@@ -75,12 +76,13 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
             change += du * du + body.arm_m * body.arm_m * dw * dw
             size += u[i] * u[i] + body.arm_m * body.arm_m * w[i] * w[i]
         calm = size + _CALM * _CALM
+        growths += 1 if change >= before else 0
         few = change <= 9.0 * _NONE * _NONE * calm and change >= _SHRINKS * before
         stopped = change <= _SMALL * _SMALL * calm and change >= before
-        if few or stopped or change <= _NONE * _NONE * size:
+        tired = change <= _LARGER * _LARGER * calm and growths == GROWTHS
+        if few or stopped or tired or change <= _NONE * _NONE * size:
             _arrive(body, dt)
             return True
-        growths += 1 if change >= before else 0
         if growths == GROWTHS:
             return False
         before = change
