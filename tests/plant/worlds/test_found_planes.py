@@ -92,8 +92,9 @@ def test_a_ball_gives_the_tangent_plane_of_its_nearest_point(
         planes = world.planes(there, 0.15)
     assert planes is not None
     (plane,), true = planes, Plane.of_ball(there, centre, radius, 1000.0)
+    nearest = [x + true.normal[i] * -true.depth(there) for i, x in enumerate(there)]
     assert plane.normal == pytest.approx(true.normal, abs=2e-3)
-    assert plane.offset_m == pytest.approx(true.offset_m, abs=2e-6)
+    assert plane.depth(nearest) == pytest.approx(0.0, abs=2e-6)
     assert plane.stiffness == pytest.approx(1000.0, rel=1e-3)
     assert [bend.per_m for bend in plane.curvatures] == pytest.approx([1.0 / radius] * (n - 1), rel=1e-2)
 
