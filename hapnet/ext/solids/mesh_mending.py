@@ -17,9 +17,7 @@ def mended(triangles: Triangles) -> tuple[Triangles, list[str]]:
     and one of each makes a closed surface, that is double-sided: of each pair the first stays.
     """
     notes = []
-    first = np.argmin(triangles, axis=1)[:, None]
-    rolled = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
-    single = _firsts(rolled)
+    single = _firsts(_rolled(triangles))
     sides = _firsts(np.sort(triangles[single], axis=1))
     if 2 * len(sides) == len(single) and _is_paired(triangles[single[sides]]):
         single = single[sides]
@@ -30,6 +28,12 @@ def mended(triangles: Triangles) -> tuple[Triangles, list[str]]:
         found, flipped = _facing_alike(found)
         notes.append(f"{flipped} triangles turned, inside out in the file")
     return found, notes
+
+
+def _rolled(triangles: Triangles) -> Triangles:
+    """The triangles, facing the same way, each beginning with its lowest vertex."""
+    first = np.argmin(triangles, axis=1)[:, None]
+    return np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
 
 
 def _is_paired(triangles: Triangles) -> bool:
@@ -59,7 +63,6 @@ def _facing_alike(triangles: Triangles) -> tuple[Triangles, int]:
 
 def _ways(triangles: Triangles) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """(F,): which of its two ways a triangle faces."""
-    first = np.argmin(triangles, axis=1)[:, None]
-    rolled = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    rolled = _rolled(triangles)
     found: np.ndarray[Any, np.dtype[np.bool_]] = rolled[:, 1] < rolled[:, 2]
     return found
