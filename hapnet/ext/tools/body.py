@@ -38,7 +38,7 @@ class Touched(Record):
     places : a, the points in the body's axes [m]. normals : into the solid (3,), of any length. depths [m],
     stiffnesses [N/m], dampings [Ns/m] : as in `hapnet.plant.worlds.coupled.Coupled`. frictions : Coulomb's mu. least,
     creeps : h [m/s] and d [m/s per N] of the law of friction in `body_step.py`. pushes : along the normals, none above
-    0 [N]. rubs : the forces of friction (3,) [N].
+    0 [N]; rates : of their change by the speed along the normals [Ns/m]. rubs : the forces of friction (3,) [N].
     """
 
     count: int

@@ -67,6 +67,8 @@ def step(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched) -> 
         body.rounds += 1
         turn(body, dt, w)
         _balance(body, dt, push, y, planes)
+        if rubbing:
+            _add_friction(body, planes, dt)
         eliminate(DOF, 1, rows)
         share = _share(body, planes, dt) if rubbing else 1.0
         change = size = 0.0
@@ -133,6 +135,12 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
                 rows[3 + k][3 + m] = rows[3 + k][3 + m] - rod[k] * (half * f[m] + damping * rod[m])
     for k in range(planes.count):
         _touch(body, planes, k, dt)
+
+
+@equation
+def _add_friction(body: RigidBody, planes: Touched, dt: float) -> None:
+    """Add the friction of all planes to `_balance`; `smooth` keeps the equations without it."""
+    rows = body.rows
     for i in range(DOF):
         for j in range(DOF + 1):
             body.smooth[i][j] = rows[i][j]
@@ -178,16 +186,11 @@ def _rub(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
     r, half = in_world(body.middle, body.arm_m, planes.places[k]), 0.5 * dt
     v = tangential(_velocity(body, r), (n[0], n[1], n[2]))
     speed, size = sqrt(dot(3, v, v)), sqrt(dot(3, n, n))
-    most, over = -planes.frictions[k] * planes.pushes[k] * size, speed - planes.least[k]
+    most = -planes.frictions[k] * planes.pushes[k] * size
+    g, slope, grows = _law(planes, k, most, speed)
     rub[0] = rub[1] = rub[2] = 0.0
-    if not (most > 0.0 and over >= 0.0):
+    if g == 0.0 and slope == 0.0:
         return
-    ramp = planes.creeps[k] * most + _RAMP * planes.least[k]
-    slides = over > ramp
-    g = most if slides else most * over / ramp
-    # the derivatives: of g by v, of g by the velocity along n, and of the direction
-    slope = 0.0 if slides else most / ramp
-    grows = 1.0 if slides else over * _RAMP * planes.least[k] / (ramp * ramp)
     pushed = planes.frictions[k] * planes.rates[k] * size * grows
     across = g / speed if speed > 0.0 else slope
     along = (v[0] / speed, v[1] / speed, v[2] / speed) if speed > 0.0 else (0.0, 0.0, 0.0)
@@ -223,6 +226,18 @@ def _rub(body: RigidBody, planes: Touched, k: int, dt: float) -> None:
             rows[i][3 + p] = rows[i][3 + p] - column[i] * r[m]
             rows[3 + i][3 + m] = rows[3 + i][3 + m] + turned[i] * r[p]
             rows[3 + i][3 + p] = rows[3 + i][3 + p] - turned[i] * r[m]
+
+
+@equation
+def _law(planes: Touched, k: int, most: float, speed: float) -> tuple[float, float, float]:
+    """g [N] at this speed across the normal [m/s], and its derivatives by the speed and by `most`, mu N [N]."""
+    over = speed - planes.least[k]
+    if not (most > 0.0 and over >= 0.0):
+        return 0.0, 0.0, 0.0
+    ramp = planes.creeps[k] * most + _RAMP * planes.least[k]
+    if over > ramp:
+        return most, 0.0, 1.0
+    return most * over / ramp, most / ramp, over * _RAMP * planes.least[k] / (ramp * ramp)
 
 
 @equation
@@ -270,10 +285,8 @@ def _friction_power(body: RigidBody, planes: Touched, dt: float, share: float) -
         push, _ = push_of(planes.stiffnesses[k], planes.dampings[k], planes.depths[k], dot(3, n, there), dt)
         v = tangential(there, normal)
         speed, most = sqrt(dot(3, v, v)), -planes.frictions[k] * push * sqrt(dot(3, n, n))
-        if speed > planes.least[k]:
-            ramp = planes.creeps[k] * most + _RAMP * planes.least[k]
-            g = min(most, most * (speed - planes.least[k]) / ramp) if most > 0.0 else 0.0
-            power -= g / speed * dot(3, v, change)
+        if speed > 0.0:
+            power -= _law(planes, k, most, speed)[0] / speed * dot(3, v, change)
     return power
 
 
