@@ -91,6 +91,13 @@ def test_every_picture_and_page_that_is_named_is_there() -> None:
                 assert anchor in anchors(there), f"{page.relative_to(ROOT)} links to {target}"
 
 
+def test_every_page_stands_once_in_the_menu_of_the_site() -> None:
+    """The site is built with `--strict`, which refuses a page that no menu leads to."""
+    menu = re.findall(r"(?m)^ +- (?:.+: )?(\S+\.md)$", (ROOT / ".site" / "mkdocs.yml").read_text("utf-8"))
+    there = [str(page.relative_to(ROOT)) for page in [*PAGES, ROOT / "CHANGELOG.md"]]
+    assert sorted(menu) == sorted(there)
+
+
 def anchors(page: Path) -> set[str]:
     """Of each heading, as GitHub makes them: small letters, blanks as dashes, no punctuation."""
     outside = re.sub(r"(?ms)^```.*?^```$", "", page.read_text("utf-8"))
