@@ -105,7 +105,7 @@ def spd(name: str, value: ArrayLike, n: int) -> Array:
         raise InvalidParameter(name, value, "a symmetric positive definite matrix (this one is not symmetric)")
     matrix = (matrix + matrix.T) / 2.0
     eigenvalues = np.linalg.eigvalsh(matrix)
-    if not eigenvalues[0] > 1e-13 * eigenvalues[-1]:
+    if not eigenvalues[0] > 1e-12 * eigenvalues[-1]:  # with less, v' M v could round to a negative number
         raise InvalidParameter(
             name, value, f"a symmetric positive definite matrix (this one has the eigenvalue {eigenvalues[0]:.3g})"
         )

@@ -19,7 +19,7 @@ from typing import Any
 from hapnet.control import prediction as motion
 from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.set_position_coupling import SetPositionCoupling
-from hapnet.mechanics.contacts import Surroundings
+from hapnet.mechanics.contacts import clearance
 from hapnet.records.record import Floats, Reals, equation
 from hapnet.records.vectors import copy, distance
 
@@ -33,11 +33,6 @@ MOST_PARTS = 8
 """The most parts of a way; each is as long as the clearance at its start."""
 
 
-def clearance(contacts: Surroundings, position: Reals) -> float:
-    """Call the surroundings' `clearance` [m]. Compiled versions are in ext/compiled/kinds.py."""
-    return contacts.clearance(tuple(position))
-
-
 @equation
 def plan(coupling: SetPositionCoupling, predicted: PredictedDevice, contacts: Any, n: int, x: Reals) -> None:
     """Choose the displacement of the proxy at x [m] in the coming step, after y was chosen. If it is carried, y becomes
@@ -47,7 +42,7 @@ def plan(coupling: SetPositionCoupling, predicted: PredictedDevice, contacts: An
         way[i] = 0.0
     if not p.count:
         return
-    motion.predict(p, n, predicted.age + predicted.mean_step, goal)
+    ahead = motion.predict(p, n, predicted.age + predicted.mean_step, goal)
     far = distance(n, goal, x)
     if far == 0.0:
         return
@@ -57,6 +52,8 @@ def plan(coupling: SetPositionCoupling, predicted: PredictedDevice, contacts: An
     for i in range(n):
         way[i] = free / far * (goal[i] - x[i])
     copy(n, x, coupling.y)
+    if predicted.share < 1.0:  # y was predicted less far than the proxy goes
+        predicted.aimed_s = p.times[p.start + p.count - 1] + ahead + predicted.lag - predicted.mean_step / 2.0
 
 
 @equation
@@ -76,17 +73,21 @@ def _free(contacts: Any, n: int, x: Reals, goal: Reals, far: float, place: Float
 
 
 @equation
-def carry(coupling: SetPositionCoupling, mass: Any, contacts: Any, n: int, dt: float) -> None:
-    """Carry the mass and ybar as planned, at the end of a step of `dt` seconds in which nothing touched the mass."""
-    way, place = coupling.carried, mass.error
+def carry(coupling: SetPositionCoupling, mass: Any, contacts: Any, n: int, dt: float) -> bool:
+    """Carry the mass and ybar as planned, at the end of a step of `dt` seconds; return whether they were carried.
+
+    They stay if something touched the mass in the step, or would touch it at its new place.
+    """
+    way = coupling.carried
+    if not displace(mass, way, dt, contacts):
+        return False
     for i in range(n):
-        place[i] = mass.x[i] + way[i]
-        if mass.force[i] != 0.0:
-            return
-    if clearance(contacts, place) <= 0.0:
-        return
-    for i in range(n):
-        mass.x[i] += way[i]
-        mass.vhat[i] += way[i] / dt
         coupling.modulator.ybar[i] += way[i]
         coupling.place[i] += way[i]
+    return True
+
+
+def displace(mass: Any, way: Floats, dt: float, contacts: Any) -> bool:
+    """Call the mass's `displace`. A compiled version is `hapnet.plant.integrator.displace`."""
+    moved: bool = mass.displace(way, dt, contacts)
+    return moved

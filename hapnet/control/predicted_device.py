@@ -34,16 +34,18 @@ class PredictedDevice(Record):
 
     Attributes
     ----------
-    y : the last y [m]. age : of the newest position [s]; fresh : whether a position has come since the last step.
-    mean_step : of the world's steps [s]. aimed_s : the time for which y is predicted, on the device's clock [s], if it
-        `has_aimed`. around : the planes around the mass. goal, place : temporary memory
-        for positions. in_use : always 1, except in unused records of compiled code.
+    share : of the time to predict that is used, 0 to 1; 1 at the start. y : the last y [m]. age : of the newest
+        position [s]; fresh : whether a position has come since the last step. mean_step : of the world's steps [s].
+    aimed_s : the time for which y is predicted, on the device's clock [s], if it `has_aimed`. around : the planes
+        around the mass. goal, place : temporary memory for positions. in_use : always 1, except in unused records of
+        compiled code.
     """
 
     in_use: int
     predictor: MotionPredictor
     lag: float
     stop_s: float
+    share: float
     y: OfAxes
     age: float
     fresh: int
@@ -59,6 +61,7 @@ class PredictedDevice(Record):
         self.lag = lag
         self.predictor = predictor
         self.stop_s = checks.non_negative("stop_s", stop_s)
+        self.share = 1.0
         self.around = Around()
         self.around.normal = [[0.0] * len(position) for _ in range(PLANES)]
         self.reset(position)
@@ -135,7 +138,7 @@ def aim(predicted: PredictedDevice, n: int, dt: float) -> float:
     predicted.mean_step = dt if before == 0.0 else before + STEP_GAIN * (dt - before)
     if not p.count:
         return 0.0
-    ahead = predict(p, n, predicted.age + predicted.lag + predicted.mean_step / 2.0, predicted.y)
+    ahead = predict(p, n, predicted.share * (predicted.age + predicted.lag + predicted.mean_step / 2.0), predicted.y)
     predicted.aimed_s = p.times[p.start + p.count - 1] + ahead
     predicted.has_aimed = 1
     return ahead

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from math import dist, inf
-from typing import Any
-
 from hapnet.checks import Vector
 from hapnet.control.carrying import carry, plan
 from hapnet.control.coupling import Update, counted
 from hapnet.control.reporter import SampleReporter
 from hapnet.control.set_position_coupling import SetPositionCoupling, update
+from hapnet.control.tool_in_contact import ToolInContact
 from hapnet.mechanics.contacts import Mass, Step, Surroundings
 
 
@@ -18,15 +16,18 @@ class SetPositionSteps:
 
     coupling : this side's set-position coupling.
     reporter : makes the sample of the proxy and of the surfaces around it; None: only its position is sent.
-    stretch_m : y is at most this far from a proxy that touches something [m].
+    in_contact : limits y of a tool that touches something; None: it is no tool.
     """
 
     def __init__(
-        self, coupling: SetPositionCoupling, reporter: SampleReporter | None = None, stretch_m: float = inf
+        self,
+        coupling: SetPositionCoupling,
+        reporter: SampleReporter | None = None,
+        in_contact: ToolInContact | None = None,
     ) -> None:
         self.coupling = coupling
         self.reporter = reporter
-        self.stretch_m = stretch_m
+        self.in_contact = in_contact
         coupling.carries = int(reporter is not None and not coupling.stages.stages)
         self._carries = False
 
@@ -34,10 +35,10 @@ class SetPositionSteps:
         coupling = self.coupling
         done = mass.step(dt, coupling.set_position, contacts)
         self._carries = bool(coupling.carries) and mass.can_be_carried
-        if self._carries and any(coupling.carried):
-            carry(coupling, mass, contacts, n := len(done.position), dt)
-            moved: Any = mass
-            done = done._replace(position=mass.position, velocity=tuple(moved.vhat[:n]))
+        n = len(done.position)
+        if self._carries and any(coupling.carried) and carry(coupling, mass, contacts, n, dt):
+            velocity = tuple([v + way / dt for v, way in zip(done.velocity, coupling.carried, strict=False)])
+            done = done._replace(position=mass.position, velocity=velocity)
         if self.reporter is not None:
             self.reporter.moved(done, contacts)
         return done
@@ -51,11 +52,12 @@ class SetPositionSteps:
         reporter = self.reporter
         if reporter is not None:
             reporter.look(dt, x)
-        coupling = self.coupling
+        coupling, tool = self.coupling, self.in_contact
+        if reporter is not None and tool is not None:
+            tool.predict_less(dt, reporter.touches, reporter.predicted)
         coupling.choose(dt, x)
-        if reporter is not None and reporter.touches and (far := dist(coupling.y, x)) > self.stretch_m:
-            share = self.stretch_m / far
-            coupling.y[:] = [a + share * (b - a) for a, b in zip(x, coupling.y, strict=True)]
+        if reporter is not None and tool is not None and reporter.touches:
+            tool.keep_near(x, coupling.y)
         if reporter is not None and self._carries:
             plan(coupling, reporter.predicted, reporter.contacts, len(x), x)
         update(coupling, dt, x, dissipated, 0.0)

@@ -15,7 +15,7 @@ y or add dissipation, so Theorem 1 holds with both.
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
 | planes sent | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
 | planes kept | until an answer that covers their place no longer contains them | a wall mostly stands still |
-| a tool in contact | y is at most `STRETCHED` times the stretch that saturates the device's spring | `stretch` |
+| a tool in contact | y is near the tool, and the hand's motion is not predicted | tool_in_contact.py |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir, over 3 s | (below) |
 
 A world that cannot send planes is felt through its delayed proxy, with 100 N/m at most: a stiffer spring rings.
@@ -39,6 +39,7 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.prediction import MotionPredictor
 from hapnet.control.self_motion import SelfMotion
+from hapnet.control.tool_in_contact import ToolInContact
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
 from hapnet.couplings.stiffness import PAPERS
@@ -139,17 +140,12 @@ def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:
     return start.tuning.reach_m, start.tuning.reach_speed_mps
 
 
-def stretch(start: CouplingStart[Any]) -> float:
-    """The farthest that y may be from a tool that touches something [m].
-
-    A hand pushes the device far beyond the place where its spring saturates. A spring at the world that is as long
-    lends tens of millijoules to the tool, and each edge that it slips off dissipates a part.
-    """
-    device = start.params.device
-    force_N = device.spring_limit_N
-    if len(start.position) != POSE_AXES or not force_N:
-        return math.inf
-    return STRETCHED * force_N / _smallest(device.stiffness)
+def in_contact(start: CouplingStart[Any]) -> ToolInContact | None:
+    """Return what limits the world's y while a tool touches something; None: the proxy is a point."""
+    if len(start.position) != POSE_AXES:
+        return None
+    force_N, stiffness = start.params.device.spring_limit_N, _smallest(start.params.device.stiffness)
+    return ToolInContact(STRETCHED * force_N / stiffness if force_N else math.inf)
 
 
 def at_world(start: CouplingStart[Any]) -> PredictedDevice:

@@ -165,7 +165,7 @@ def _world(start: CouplingStart[RenderingTuning], make: MakeModulator) -> WorldC
     return SetPositionSteps(
         _at_world(start, make, source),
         SampleReporter(start.position, source, *rendering.reach(start)),
-        rendering.stretch(start),
+        rendering.in_contact(start),
     )
 
 

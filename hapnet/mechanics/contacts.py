@@ -110,6 +110,11 @@ class Surroundings(Protocol):
         return 0.0 if plane is None else plane.depth(position)
 
 
+def clearance(contacts: Surroundings, position: Sequence[float]) -> float:
+    """Call the surroundings' `clearance` [m]. Compiled versions are in ext/compiled/kinds.py."""
+    return contacts.clearance(tuple(position))
+
+
 _AT_REST_M = 1e-13
 """A shorter way is rounding, some 1e-16 m on each axis: divided by it, rounding of the work would be newtons."""
 
@@ -150,6 +155,13 @@ class Mass(Protocol):
     @property
     def can_be_carried(self) -> bool:
         """Whether its position may be set while nothing touches it, see `hapnet.control.carrying`."""
+        return False
+
+    def displace(self, way: list[float], dt: float, contacts: Surroundings) -> bool:
+        """Move by `way` (n,) [m] at the end of a step of `dt` seconds; velocity and energy stay. Where not every
+        position is one of the mass, `way` becomes what was done. False: something touched the mass in that step, or
+        would touch it then, and nothing has changed.
+        """
         return False
 
     @property

@@ -22,12 +22,9 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.mechanics.contacts import Mass, Step, Surroundings, clearance
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import dot, times
-
-# A matrix with a greater condition number is refused: v' M v could round to a negative number.
-_MAX_CONDITION = 1e12
 
 OWN = -1.0
 """Value of the drag for a step on the mass's own coupling, in which A contains B' + K' T/2."""
@@ -91,9 +88,9 @@ class PassiveIntegrator(Record, Mass):
         self.x = list(checks.vector("position", position))
         self.n = n = len(self.x)
         self.v = [0.0] * n if velocity is None else list(checks.vector("velocity", velocity, n))
-        self.M = _positive_definite("mass", mass, n)
-        self.B = _positive_definite("damping", damping, n)
-        self.K = _positive_definite("stiffness", stiffness, n)
+        self.M = checks.spd("mass", mass, n).tolist()
+        self.B = checks.spd("damping", damping, n).tolist()
+        self.K = checks.spd("stiffness", stiffness, n).tolist()
         self.diagonal = int(all(_is_diagonal(matrix) for matrix in (self.M, self.B, self.K)))
         self.L = [[0.0] * n for _ in range(n)]
         self.inverse_pivots, self.vhat, self.force, self.coupling_force = ([0.0] * n for _ in range(4))
@@ -128,6 +125,9 @@ class PassiveIntegrator(Record, Mass):
             self.error[i] = self.x[i] - ybar[i]
         _multiply(self, self.K, self.error, self.product)
         return 0.5 * dot(self.n, self.error, self.product)
+
+    def displace(self, way: Floats, dt: float, contacts: Surroundings) -> bool:
+        return displace(self, way, dt, contacts)
 
     def set_contacts(self, contacts: Surroundings | None) -> None:
         """Check `contacts` against this mass, as `step` does when it first gets them. Call this to fail early.
@@ -383,6 +383,22 @@ def move(mass: PassiveIntegrator, dt: float) -> None:
 
 
 @equation
+def displace(mass: PassiveIntegrator, way: Reals, dt: float, contacts: Surroundings) -> bool:
+    """Move the mass by `way` [m] at the end of a step: `Mass.displace`."""
+    place = mass.error
+    for i in range(mass.n):
+        place[i] = mass.x[i] + way[i]
+        if mass.force[i] != 0.0:
+            return False
+    if clearance(contacts, place) <= 0.0:
+        return False
+    for i in range(mass.n):
+        mass.x[i] += way[i]
+        mass.vhat[i] += way[i] / dt
+    return True
+
+
+@equation
 def _multiply(mass: PassiveIntegrator, matrix: FloatRows, vector: Reals, out: Floats) -> None:
     """Multiply one of the mass's matrices by a vector."""
     n = mass.n
@@ -395,24 +411,3 @@ def _multiply(mass: PassiveIntegrator, matrix: FloatRows, vector: Reals, out: Fl
 
 def _is_diagonal(matrix: FloatRows) -> bool:
     return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
-
-
-def _positive_definite(name: str, value: ArrayLike, n: int) -> list[Floats]:
-    """Rows of the n x n matrix given as a scalar, a diagonal or a matrix."""
-    allowed = f"a positive number, {n} positive numbers, or a symmetric positive definite {n} x {n} matrix"
-    try:
-        matrix = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidParameter(name, value, allowed) from None
-    if matrix.ndim == 0 or matrix.shape == (n,):
-        matrix = np.diag(np.broadcast_to(matrix, (n,)))
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise InvalidParameter(name, value, allowed)
-    symmetric = (matrix + matrix.T) / 2
-    if np.abs(matrix - symmetric).max() > 1e-12 * np.abs(matrix).max():
-        raise InvalidParameter(name, value, allowed)
-    eigenvalues = np.linalg.eigvalsh(symmetric)
-    if not eigenvalues[0] * _MAX_CONDITION > eigenvalues[-1]:
-        raise InvalidParameter(name, value, allowed)
-    rows: list[Floats] = symmetric.tolist()
-    return rows

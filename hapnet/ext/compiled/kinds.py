@@ -15,6 +15,7 @@ from hapnet.ext.compiled import law_sides, link, samples, sides, simulation, sol
 from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import Scenario
 from hapnet.ext.solids.rigid_step import SolidContact
+from hapnet.mechanics.contacts import clearance
 from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls
@@ -26,7 +27,7 @@ Choices = dict[Callable[..., Any], Callable[..., Any]]
 
 OF_SET_POSITIONS: Choices = {
     coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
-    walls.apply: integrator.solve, carrying.clearance: walls.clearance,
+    walls.apply: integrator.solve, clearance: walls.clearance, carrying.displace: integrator.displace,
     steps.advance: sides.advance, steps.take: sides.take_at_world,
     steps.answer: sides.answer, steps.settle: sides.settle, ticks.measure: sides.measure,
     ticks.take: sides.take_at_device, ticks.act: sides.act, ticks.hold: sides.hold,

@@ -114,7 +114,7 @@ class CompiledEnds(CompiledDevices):
         coupling = move.to(end.coupling, steps.coupling, CompiledCoupling)
         coupling.runs(array, end, run)
         made = CompiledSteps(coupling, steps.reporter, array, end, run)
-        made.stretch_m = steps.stretch_m
+        made.in_contact = steps.in_contact
         if (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)) and _are_walls(contacts):
             assert isinstance(contacts, Contacts)
             bound.copy(end.contacts, contacts)

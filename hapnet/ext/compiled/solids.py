@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hapnet.checks import MOST_CURVATURE_PER_M
-from hapnet.control import carrying, contact_surfaces
+from hapnet.control import contact_surfaces
 from hapnet.control.contact_plane import ContactPlane, stand_on
 from hapnet.control.predicted_device import Around
 from hapnet.ext.compiled import endpoint, link, sides
@@ -16,6 +16,7 @@ from hapnet.ext.solids import rigid_step, sight
 from hapnet.ext.solids.rigid_contacts import SEARCHED_M
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.ext.solids.shapes import Triple, put_bend, triple
+from hapnet.mechanics import contacts as surroundings
 from hapnet.mechanics.curvature import copy_bends
 from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
@@ -123,7 +124,7 @@ def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -
 
 AMONG_SOLIDS: Choices = {
     integrator.respond: meet, sides.see: see, walls.penetration: penetration, walls.stored: stored,
-    carrying.clearance: clearance,
+    surroundings.clearance: clearance,
     endpoint.surface_bytes: surface_bytes, link.copy_surfaces: copy_surfaces,
     sides.understand_surface: understand_surface, **contact_surfaces.IN_PLACE_OF_FLAT_ONES,
 }  # fmt: skip

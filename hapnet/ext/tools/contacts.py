@@ -19,7 +19,7 @@ from hapnet.checks import MOST_TOOL_PLANES, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.friction import tangential
 from hapnet.ext.solids.mesh_contact import secants_of
-from hapnet.ext.solids.rigid_contacts import Solid
+from hapnet.ext.solids.rigid_contacts import SEARCHED_M, Solid
 from hapnet.ext.solids.rigid_step import ANCHOR_CEILING_J
 from hapnet.ext.solids.secant import GOOD_MPS, Secant, end_J, onset_J
 from hapnet.ext.solids.shapes import Sphere, triple
@@ -80,6 +80,7 @@ class ToolContacts(Surroundings):
             if not (tool.closed and isinstance(solid.shape, Sphere))  # such a ball is a single point
             for secant in secants_of(solid.shape, solid.stiffness, solid.damping, solid.friction)
         ]
+        self._stretch = hypot(1.0, max(hypot(*point) for point in tool.points) / arm_m)
         self._edges = edge_points(tool, self.solids, arm_m)
         self.energy_J: float = 0.0
         """The energy e + E_c after the last step [J]."""
@@ -114,6 +115,17 @@ class ToolContacts(Surroundings):
             if not secant.farther_than(0.0, x):
                 depth = max(depth, -secant.near(x).distance_m)
         return depth
+
+    def clearance(self, position: Sequence[float]) -> float:
+        """The distance of coordinates [m] within which nothing touches the tool, up to `SEARCHED_M`.
+
+        If the coordinates move by d, a point a of the tool moves by at most d sqrt(1 + |a|^2/l^2).
+        """
+        least = SEARCHED_M * self._stretch
+        for _, secant, x in self._pairs(position):
+            if not secant.farther_than(least, x):
+                least = min(least, secant.near(x).distance_m / secant.slope)
+        return least / self._stretch
 
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The deepest planes of different directions, in the pose's coordinates, as they act on a rigid body."""

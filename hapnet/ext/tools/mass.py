@@ -40,6 +40,7 @@ class ToolMass(Mass):
         self.body = RigidBody(m, inertia, position, arm_m)
         settle(self.body)
         self._hold(*self._own)
+        self._touched = False
 
     def _hold(self, K: float, B: float, K_arms: float, B_arms: float) -> None:
         """Set the spring and the damper for the next steps."""
@@ -57,6 +58,23 @@ class ToolMass(Mass):
     @property
     def kinetic_J(self) -> float:
         return self.body.kinetic
+
+    @property
+    def can_be_carried(self) -> bool:
+        """True: pose, velocity and spin are its whole state in free space."""
+        return True
+
+    def displace(self, way: list[float], dt: float, contacts: Surroundings) -> bool:
+        body = self.body
+        end = nearest([x + part for x, part in zip(body.x, way, strict=False)], body.arm_m)
+        if self._touched or contacts.clearance(end) <= 0.0:
+            return False
+        for i in range(AXES):
+            way[i] = end[i] - body.x[i]
+        body.x[:] = end
+        settle(body)  # the spin turns with the body's axes, so the kinetic energy stays
+        self.contacts.at = end
+        return True
 
     def set_contacts(self, contacts: Surroundings) -> None:
         contacts.require_outside(self.position)
@@ -83,6 +101,7 @@ class ToolMass(Mass):
         """Step with the spring and damper that hold the tool to `ybar`, and under `push`."""
         begun, before = self.position, self._potential(ybar)
         force, work, lost, pull = self._advance(dt, ybar, push, HALVINGS)
+        self._touched = any(force)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
         force = doing(work, force, moved)  # if the step was cut: the mean force that does the same work
