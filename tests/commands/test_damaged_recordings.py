@@ -10,6 +10,7 @@ from hapnet.cli import main
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.missing import missing
 from hapnet.recording.samples import Lost
+from tests.conftest import mostly_slow
 from tests.recording.test_samples import ORIGIN, memory, run
 
 
@@ -29,17 +30,19 @@ def damaged(whole: Path, directory: Path) -> Path:
 
 
 COMMANDS = {
-    "report": ["report", "FILE", "--out", "OUT"],
     "export": ["export", "FILE", "--out", "OUT", "--format", "csv"],
-    "replay": ["replay", "FILE", "--out", "OUT"],
     "simulate": ["simulate", "--operator", "FILE", "--duration", "1", "--no-files"],
+    "report": ["report", "FILE", "--out", "OUT"],
+    "replay": ["replay", "FILE", "--out", "OUT"],
     "seeds": ["simulate", "--operator", "FILE", "--duration", "1", "--seeds", "0:2"],
     "run": ["run", "--operator", "FILE", "--duration", "1", "--no-files"],
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("how", ["damaged", "cut"])
+@pytest.mark.parametrize(
+    ("command", "how"),
+    [*((command, "damaged") for command in COMMANDS), *mostly_slow([(command, "cut") for command in COMMANDS], 2)],
+)
 def test_a_command_says_what_is_missing(
     whole: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, how: str
 ) -> None:
@@ -61,7 +64,7 @@ def test_a_command_says_what_is_missing(
         assert "damaged" not in line
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", mostly_slow(COMMANDS, 2))
 def test_nothing_is_said_of_a_whole_recording(
     whole: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
 ) -> None:

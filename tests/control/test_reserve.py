@@ -38,7 +38,7 @@ def unit(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(60), 20))
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 8))
 def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> None:
     """The device always goes with the force, as far as it can: the most that can be given out. Energy comes and goes
     as it likes otherwise, but never less than what the guard says that it needs."""
@@ -121,7 +121,7 @@ def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
 
 
 @pytest.mark.parametrize("coarse", [False, True], ids=["exact", "encoders"])
-@pytest.mark.parametrize("seed", mostly_slow(range(60), 20))
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 8))
 def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int, coarse: bool) -> None:
     """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.
 

@@ -73,7 +73,7 @@ def check(case: int, make: Callable[[int], dict[str, object]] = drawn) -> None:
         assert abs(mass.port_J(counted) - counted) <= blur + 1e-12, params
 
 
-@pytest.mark.parametrize("case", range(10))
+@pytest.mark.parametrize("case", mostly_slow(range(10), 4))
 def test_the_theorem_holds_with_a_robot_as_the_world(case: int) -> None:
     check(case)
 

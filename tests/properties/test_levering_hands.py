@@ -8,6 +8,7 @@ import pytest
 from hapnet.checks import Array
 from hapnet.mechanics.pose import torques
 from hapnet.simulation.simulation import Result, simulate
+from tests.conftest import mostly_slow
 
 HANDS = "tests.support.levering_hands"
 SCENE = "tool:peg + hole?at=0,0,-20mm"
@@ -22,8 +23,7 @@ OUT_J, MODULATED, STEP_NM = 0.015, 0.02, 0.005
 MINUTE_J, MINUTE_MODULATED = 0.09, 0.09
 """In a minute the dampers of the walls dissipate up to 119 mJ, which the hand pays for later or not: 75 mJ of it
 with hand-42, of whose steps 7.7 % are modulated then; at most 45 mJ and 4 % with the others."""
-SOME = ["hand-42", "hand-46", f"{HANDS}:Levering"]
-MORE = ["hand-45", f"{HANDS}:Wandering", f"{HANDS}:Jamming"]
+ALL = ["hand-46", "hand-42", "hand-45", *(f"{HANDS}:{name}" for name in ("Levering", "Wandering", "Jamming"))]
 
 
 class Felt(NamedTuple):
@@ -81,7 +81,7 @@ def check_account(result: Result, one: Felt) -> None:
         assert summary[side]["ledger"]["slack_J"] >= -1e-12
 
 
-@pytest.mark.parametrize("hand", [*SOME, *[pytest.param(hand, marks=pytest.mark.slow) for hand in MORE]])
+@pytest.mark.parametrize("hand", mostly_slow(ALL, 1))
 def test_a_levered_peg_costs_little_energy_and_does_not_jerk(hand: str) -> None:
     result = run(hand, "4g", 10.0, 947)
     one = felt(result)
@@ -107,8 +107,7 @@ def test_so_does_a_box_on_a_plane_and_a_key_in_a_slot(scene: str, hand: str) -> 
     assert one.step_Nm <= STEP_NM
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hand", SOME + MORE)
+@pytest.mark.parametrize("hand", mostly_slow(ALL, 0, 2))
 def test_so_it_stays_for_a_minute(hand: str) -> None:
     result = run(hand, "4g", 60.0, 948)
     one = felt(result)

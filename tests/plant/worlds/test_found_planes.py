@@ -17,6 +17,7 @@ from hapnet.ext.engines.found_planes import can_be_searched
 from hapnet.ext.engines.obstacle import Law
 from hapnet.mechanics.effects import Effects
 from hapnet.plant.worlds.registry import make_scene
+from tests.conftest import mostly_slow
 
 STEPS = 2 * 26 // found_planes.RAYS
 """Steps in which every ray of three axes is used."""
@@ -376,8 +377,10 @@ def test_the_calls_of_a_step(dof: int, most: int) -> None:
         before = after
 
 
-@pytest.mark.parametrize("link", ["lan", "4g"])
-@pytest.mark.parametrize("hand", ["hand-31", "hand-77"])
+@pytest.mark.parametrize(
+    ("link", "hand"),
+    mostly_slow([("lan", "hand-77"), ("4g", "hand-31"), ("lan", "hand-31"), ("4g", "hand-77")], 2),
+)
 def test_a_force_function_is_felt_as_its_springs_in_series(link: str, hand: str) -> None:
     """F = K K_w/(K' + K_w) depth, with K' from 10 mm on: the device's own tick beside what a wall would give."""
     run = simulate(
