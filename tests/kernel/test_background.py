@@ -63,6 +63,8 @@ def test_compiled_code_takes_over_in_the_middle_of_a_run(
 
 
 def test_a_process_compiles_and_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Machine code is kept with the user's caches, and not beside the package."""
+    before = set((ROOT / "hapnet").rglob("*.nb?"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     shares: list[float] = []
     token = reported.set(shares.append)
@@ -74,6 +76,8 @@ def test_a_process_compiles_and_reports(monkeypatch: pytest.MonkeyPatch, tmp_pat
                 time.sleep(0.1)
             assert compiling.is_done
             assert sources.are_compiled(HANDLE)
+        assert list(tmp_path.rglob("*.nbc"))
+        assert set((ROOT / "hapnet").rglob("*.nb?")) == before
     finally:
         reported.reset(token)
     assert shares == sorted(shares)
