@@ -34,7 +34,10 @@ _REAL_TIME = ("hapnet.ext.bench", "hapnet.realtime", "hapnet.transport", "netem.
 _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapnet.processes")
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.ext.compiled.real_time", "hapnet.simulation",
                "hapnet.ext.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
-_VIRTUAL_TIME = ("tests.assembly", "tests.properties.test_endurance", "tests.study", "tests.simulation.test_processes")
+_VIRTUAL_TIME = ("tests.assembly", "tests.commands.test_bad_input", "tests.commands.test_typed_flags",
+                 "tests.control.test_contact_effects", "tests.couplings", "tests.plant.worlds.test_picture",
+                 "tests.properties.test_endurance", "tests.simulation.test_arms", "tests.simulation.test_processes",
+                 "tests.study", "tests.summary.test_margins", "tests.view.test_each_call")  # fmt: skip
 
 
 def pytest_configure() -> None:
@@ -128,6 +131,7 @@ def _reaches(module: ModuleType, homes: tuple[str, ...]) -> bool:
     return _uses(module, homes) or any(_reaches(sys.modules[name], homes) for name in helpers)
 
 
+@cache
 def _homes(module: ModuleType) -> set[str]:
     """Where all that a module knows is from."""
     values = vars(module).values()

@@ -171,6 +171,7 @@ def test_the_page_has_every_coupling() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("coupling", "more"),
     [("pd", ("--realtime",)), *(pytest.param(name, (), marks=pytest.mark.soak) for name in ("popc", "eba"))],

@@ -233,6 +233,7 @@ def test_the_rule() -> None:
     assert (own.stiffness_N_m, own.damping_Ns_m) == (300.0, 2.0)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("coupling", "more"),
     mostly_slow([("wave", ("--realtime",)), ("digital-wave", ())], 0, 1),

@@ -7,6 +7,7 @@ braces. `InvalidParameter` is written as its message: ``NAME is VALUE; allowed: 
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ class Refusal(NamedTuple):
     text: str
 
 
+@cache
 def refusals() -> list[Refusal]:
     """All refusals, by file and line."""
     files = sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))

@@ -11,8 +11,6 @@ from hapnet.errors import InvalidParameter
 from netem import ProfileError
 from tests.repository.refusals import refusals
 
-ALL = refusals()
-
 NOTHING_ALLOWED = re.compile(
     r"; allowed: (no (?!more )|none[:;]|left out:|its default|given |another |other |any other|permitted|with |without "
     r"|on the |only |each |either .* not both|fewer|$)"
@@ -22,11 +20,11 @@ NOTHING_ALLOWED = re.compile(
 
 def test_the_refusals_are_found() -> None:
     """Many, of all packages, with the texts of their variables."""
-    assert len(ALL) > 600
-    texts = {refusal.text for refusal in ALL}
+    assert len(refusals()) > 600
+    texts = {refusal.text for refusal in refusals()}
     assert "--out {str(out)}: --no-files writes no files; leave one of the two out" in texts
     assert "{name} is {value}; allowed: a finite number above 0" in texts
-    assert any(refusal.file.startswith("netem/") for refusal in ALL)
+    assert any(refusal.file.startswith("netem/") for refusal in refusals())
 
 
 @pytest.mark.parametrize("text", [
@@ -38,11 +36,11 @@ def test_a_riddle_is_recognized(text: str) -> None:
 
 
 def test_after_allowed_comes_what_is_allowed() -> None:
-    assert [refusal for refusal in ALL if NOTHING_ALLOWED.search(refusal.text)] == []
+    assert [refusal for refusal in refusals() if NOTHING_ALLOWED.search(refusal.text)] == []
 
 
 def test_each_is_one_line_and_no_question_alone() -> None:
-    for refusal in ALL:
+    for refusal in refusals():
         assert "\n" not in refusal.text, refusal
         assert not refusal.text.endswith((":", ";", " ")), refusal
 
