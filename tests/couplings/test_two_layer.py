@@ -276,6 +276,7 @@ AUTHORS = {
 are empty at the start (1 uJ). Their gains are not known here."""
 
 
+@pytest.mark.slow
 def test_the_authors_contact_with_a_second_of_delay() -> None:
     """Without the passivity layer a relaxed grasp is thrown back from the spring again and again. With it nothing comes
     out, and both tanks fill from nothing to H_D."""

@@ -273,6 +273,7 @@ def test_where_nothing_can_be_kept_nothing_is_written(
     assert set(folder.rglob("*.nb?")) == before
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_machine_code_is_made_for_one_process() -> None:
     """Nor beside the package. A handle is the kind that takes the compiler least time."""
     run = "from hapnet.ext.compiled import names, real_time; real_time.make_ready(names.HANDLE)"

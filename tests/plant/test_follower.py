@@ -35,7 +35,7 @@ def run(changes: dict[str, object], seed: int = 3) -> Result:
 
 
 @pytest.mark.parametrize("rendering", ["paper", "hapnet"])
-@pytest.mark.parametrize(("a", "b"), [(2.0, 0.5), (0.2, 3.0), (4.0, 4.0)])
+@pytest.mark.parametrize(("a", "b"), mostly_slow([(2.0, 0.5), (0.2, 3.0), (4.0, 4.0)], 1))
 def test_a_scaled_robot_is_another_robot_in_the_leaders_units(rendering: str, a: float, b: float) -> None:
     """x = x_r/a and F = b F_r make of M x_r'' = F_r the equation of a robot with a b M, and so on for all it has."""
     own = {"mass": 0.08, "own_damping": 0.4, "force_limit_N": 8.0, "step_limit_N": 0.4, "greatest_speed": 1.0}

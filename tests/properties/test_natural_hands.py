@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet.simulation.simulation import Result, simulate
+from tests.conftest import mostly_slow
 from tests.support.natural_hands import WALL_M
 
 HANDS = "tests.support.natural_hands"
@@ -46,7 +47,7 @@ def felt(result: Result, begin_s: float, end_s: float) -> Felt:
     return Felt(float(np.percentile(force, 99)), float(np.mean(short > 1e-7)), 1e3 * float(np.sqrt(np.mean(off**2))))
 
 
-@pytest.mark.parametrize("hand", ["InTheAir", "Mixed", "Writing"])
+@pytest.mark.parametrize("hand", mostly_slow(["Mixed", "InTheAir", "Writing"], 1))
 def test_a_natural_hand_feels_no_more_drag_than_with_the_plain_spring(hand: str) -> None:
     pspm, plain = (run(coupling, hand, "4g", 12.0) for coupling in ("pspm", "zoh"))
     assert pspm.summary["verdict"]["passive"]

@@ -13,6 +13,7 @@ from matplotlib.image import imread
 from hapnet import cli
 from hapnet.recording.mcap import RecordingWriter
 from hapnet.recording.samples import DeviceSample, Recording, Sample, WorldSample
+from tests.conftest import mostly_slow
 from tests.plots.test_run import run
 from tests.reports.conftest import plain as plain
 from tests.reports.test_report_page import stands_alone
@@ -77,10 +78,21 @@ CASES: dict[str, Callable[[], list[Sample]]] = {
     "every other one known": lambda: half_unknown(run(2, seconds=1)),
     "one, unknown": lambda: [unknown(sample) for sample in one_of_each(run(3, seconds=1))],
 }
+FIRST = ("no samples", "one of each", "every other one known")
+"""Of these a torn recording is reported in every run."""
+ORDER = [*FIRST, *sorted(set(CASES) - set(FIRST))]
 
 
 @pytest.mark.parametrize(
-    ("case", "torn"), [*((case, True) for case in CASES), ("both sides", False), ("one, unknown", False)]
+    ("case", "torn"),
+    mostly_slow(
+        [
+            ("both sides", False),
+            ("one, unknown", False),
+            *((case, True) for case in (*FIRST, *sorted(set(CASES) - set(FIRST)))),
+        ],
+        2 + len(FIRST),
+    ),
 )
 def test_reports_whatever_was_recorded(
     case: str, torn: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -2,7 +2,7 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,10 +38,10 @@ class Spring:
 '''
 
 
-def documented(tree: ast.Module) -> Iterator[tuple[Documented, str]]:
-    for node in ast.walk(tree):
-        if isinstance(node, Documented) and (text := ast.get_docstring(node)):
-            yield node, text
+@cache
+def documented(tree: ast.Module) -> list[tuple[Documented, str]]:
+    nodes = [node for node in ast.walk(tree) if isinstance(node, Documented)]
+    return [(node, text) for node in nodes if (text := ast.get_docstring(node))]
 
 
 def label(node: Documented) -> str:
@@ -92,7 +92,8 @@ def strangers(tree: ast.Module, classes: dict[str, ast.ClassDef]) -> list[str]:
     for node, text in documented(tree):
         if not isinstance(node, ast.Module):
             explained = {name for line in PARAMETERS.findall(RESULTS.sub("", text)) for name in line.split(", ")}
-            found += [f"{node.name}: {name}" for name in sorted(explained - names(node, classes))]
+            if explained:
+                found += [f"{node.name}: {name}" for name in sorted(explained - names(node, classes))]
     return found
 
 

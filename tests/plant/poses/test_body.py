@@ -11,6 +11,7 @@ from hapnet.ext.tools.body_step import step
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.records.record import zero
+from tests.conftest import mostly_slow
 
 NO_PLANES = zero(Touched)
 STILL = [0.0] * AXES
@@ -83,16 +84,17 @@ def test_a_wrench_along_the_coordinates_does_the_work_of_the_wrench() -> None:
         assert np.array(f) == pytest.approx(least, abs=1e-9)
 
 
+@pytest.mark.parametrize("ticks", mostly_slow([5_000, 20_000], 1))
 @pytest.mark.long
-def test_a_free_spin_keeps_momentum_and_energy() -> None:
+def test_a_free_spin_keeps_momentum_and_energy(ticks: int) -> None:
     """Issue: within 0.1 % in 20 s at 1 ms. It tumbles about the middle axis."""
     body = body_at(STILL_POSE, np.array([0.1, 0.0, 0.0]), np.array([0.02, 8.0, -0.03]))
     momentum, energy = np.array(body.momentum), body.kinetic
-    for _ in range(20_000):
+    for _ in range(ticks):
         assert step(body, 1e-3, STILL, STILL, NO_PLANES)
     assert np.abs(np.array(body.momentum) - momentum).max() <= 1e-11 * np.linalg.norm(momentum)
     assert body.kinetic == pytest.approx(energy, rel=1e-11)
-    assert body.x[0] == pytest.approx(2.0, rel=1e-11)
+    assert body.x[0] == pytest.approx(1e-4 * ticks, rel=1e-11)
     arms = np.reshape(body.x[3:], (3, 3)) / ARM_M + np.eye(3)
     assert np.abs(arms @ arms.T - np.eye(3)).max() < 1e-12
 
