@@ -35,6 +35,7 @@ _PROCESSES = ("multiprocessing", "subprocess", "tests.support.processes", "hapne
 _WHOLE_RUNS = ("examples", "hapnet.cli", "hapnet.commands", "hapnet.ext.compiled.real_time", "hapnet.simulation",
                "hapnet.ext.study", "netem.cli", "tests.support.notebooks")  # fmt: skip
 _VIRTUAL_TIME = ("tests.assembly", "tests.commands.test_bad_input", "tests.commands.test_typed_flags",
+                 "tests.commands.test_verdict_of_recordings", "tests.repository.test_examples",
                  "tests.control.test_contact_effects", "tests.couplings", "tests.plant.worlds.test_picture",
                  "tests.properties.test_endurance", "tests.simulation.test_arms", "tests.simulation.test_processes",
                  "tests.study", "tests.summary.test_margins", "tests.view.test_each_call")  # fmt: skip

@@ -94,6 +94,7 @@ def test_it_agrees_that_a_plain_coupling_is_not_passive(servo: str, tmp_path: Pa
     assert both == pytest.approx(result.summary["theorem"]["margin_J"], abs=2.0 * PRINTED_J)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("name", "servo"),
     mostly_slow([("mesh", "sampled"), ("mujoco", "continuous"), ("wall", "sampled"), ("mujoco", "sampled")], 0, 2),

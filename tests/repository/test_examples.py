@@ -83,6 +83,7 @@ def test_fields() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_own_device(tmp_path: Path) -> None:
     """The carriage rests where K (x - p) = W and K'/K W = K_w (p - wall); W is its weight along the rail."""
     busy = ("--set", "device.watchdog_s=0")  # a machine that tests may be late
@@ -98,6 +99,7 @@ def test_own_device(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_pantograph(tmp_path: Path) -> None:
     """The hand of 40 N/m wants 30 mm: K_h (30 mm - x) = K (x - p) and K'/K W = K_w (p - wall), W the force felt."""
     busy = ("--set", "device.watchdog_s=0")
@@ -140,6 +142,7 @@ def test_own_moving_world(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_planet(tmp_path: Path) -> None:
     """A ball of 1000 N/m with a radius of 12 mm pushes with 12 N at most; its motor's work is not nothing."""
     said = run("planet", cwd=tmp_path)
@@ -150,6 +153,7 @@ def test_planet(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_bullet_world(tmp_path: Path) -> None:
     """Nothing is undone, and the world keeps what it was given."""
     pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install pybullet")
@@ -160,6 +164,7 @@ def test_bullet_world(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_position_arm(tmp_path: Path) -> None:
     """200 and 500 N/m in series press with 1.4 N over 10 mm; a late arm swings, to three times that at most."""
     pytest.importorskip("mink", reason="mink is not installed: pip install mink daqp")
@@ -172,6 +177,7 @@ def test_position_arm(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_own_moving_world_over_zenoh(tmp_path: Path) -> None:
     """Two processes: the motor's work crosses from one to the other's summary, and the world's account holds."""
     argv = ["run", "--scene", "examples.own_moving_world:workshop", "--operator", "rest", "--duration", "4"]
@@ -185,6 +191,7 @@ def test_own_moving_world_over_zenoh(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_own_law_over_zenoh(tmp_path: Path) -> None:
     """Two processes. 100 N/m, softened by 40 + 10 ms in each direction: 100/(1 + 0.1/0.1); a law of one's own claims
     nothing."""
@@ -218,6 +225,7 @@ def test_own_world_on_the_command_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_two_hosts(tmp_path: Path) -> None:
     """Both sides end, and what one sent is what the other was credited, to the nanojoule."""
     said = run("two_hosts", "--port", free_address().rpartition(":")[2], cwd=tmp_path)
@@ -231,6 +239,7 @@ def test_two_hosts(tmp_path: Path) -> None:
     assert (device[4], device[5]) == (world[5], world[4])
 
 
+@pytest.mark.realtime
 def test_a_host_on_its_own_is_told_to_stop() -> None:
     port = free_address().rpartition(":")[2]
     command = (sys.executable, str(EXAMPLES["two_hosts"]))
@@ -256,6 +265,7 @@ def test_link_study(tmp_path: Path) -> None:
     assert (tmp_path / "runs" / "link_study.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.realtime
 def test_asyncio_program(tmp_path: Path) -> None:
     said = run("asyncio_program", cwd=tmp_path)
     rows = numbers("# s: delay up to # ms (p99), # of # messages lost, passivity margin now # mJ", said)
