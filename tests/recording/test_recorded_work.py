@@ -10,6 +10,7 @@ from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
 from hapnet.recording.samples import Columns
 from hapnet.simulation.simulation import Simulation, simulate
+from tests.conftest import mostly_slow
 from tests.support.scene_runs import words, write_files
 
 STIFFNESS = 100.0
@@ -103,7 +104,7 @@ def test_what_is_stored_is_kinetic_energy_and_springs_and_the_rest_is_in_the_res
     assert set(world["bound_J"]) == {params.world.ceiling_J}
 
 
-@pytest.mark.parametrize("name", ["wall", "sphere", "mesh", "wedge", "walls"])
+@pytest.mark.parametrize("name", mostly_slow(["wall", "walls", "sphere", "mesh", "wedge"], 3))
 def test_the_worlds_work_is_force_times_way(name: str, tmp_path: Path) -> None:
     """A step's force is constant, so that nothing is lost between samples."""
     if name == "mesh":

@@ -14,6 +14,7 @@ from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Rest, Sine
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.support.theorem_cases import TOLERANCE_J
 
 TABLE = "tool:box?size=60mm,40mm,20mm + plane?normal=0,0,-1&at=0,0,-20mm"
@@ -21,11 +22,14 @@ TABLE = "tool:box?size=60mm,40mm,20mm + plane?normal=0,0,-1&at=0,0,-20mm"
 
 @pytest.mark.parametrize(
     ("scene", "link", "turn_rad"),
-    [
-        (TABLE, "4g", 0.3),
-        ("tool:stick", "delay 80ms 40ms loss 40%", 3.0),
-        ("tool:peg + hole?at=0,0,-20mm", "intercontinental", 0.05),
-    ],
+    mostly_slow(
+        [
+            (TABLE, "4g", 0.3),
+            ("tool:stick", "delay 80ms 40ms loss 40%", 3.0),
+            ("tool:peg + hole?at=0,0,-20mm", "intercontinental", 0.05),
+        ],
+        2,
+    ),
 )
 def test_both_sides_are_passive(scene: str, link: str, turn_rad: float) -> None:
     """Rounding is some 1e-16 J; the orientation goes through 180 degrees in the second."""

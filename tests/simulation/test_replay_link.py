@@ -14,6 +14,7 @@ from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import simulate
 from netem import Timeline
+from tests.conftest import mostly_slow
 from tests.support.replays import Capture, changed, here as here, rewritten, run, session
 
 
@@ -51,14 +52,16 @@ def test_a_timeline_of_its_own_is_not_applied_twice(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("flags", "up", "down"),
-    [
-        ((), "at 500ms: delay 60ms", "at 700ms: down"),
-        (("--uplink", "delay 5ms"), "", "at 700ms: down"),
-        (("--downlink", "delay 5ms"), "at 500ms: delay 60ms", ""),
-        (("--delay", "5ms"), "", ""),
-        (("--delay", "5ms", "--up-timeline", "at 1s: up"), "at 1s: up", ""),
-    ],
-    ids=" ".join,
+    mostly_slow(
+        [
+            ((), "at 500ms: delay 60ms", "at 700ms: down"),
+            (("--uplink", "delay 5ms"), "", "at 700ms: down"),
+            (("--delay", "5ms", "--up-timeline", "at 1s: up"), "at 1s: up", ""),
+            (("--downlink", "delay 5ms"), "at 500ms: delay 60ms", ""),
+            (("--delay", "5ms"), "", ""),
+        ],
+        3,
+    ),
 )
 def test_a_link_that_is_asked_for_is_the_replays_from_end_to_end(
     tmp_path: Path, capsys: Capture, flags: tuple[str, ...], up: str, down: str
