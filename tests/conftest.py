@@ -93,7 +93,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     if not many or session.config.option.collectonly or no_compiler() is not None:
         return
     makers = catalogue.makers()
-    names = [next(iter(catalogue.of_coupling("pspm"))), real_time.SERVO, real_time.ARM, real_time.HANDLE]
+    names = [next(iter(catalogue.of_coupling("pspm"))), real_time.SERVO]
     if any(item.get_closest_marker("slow") for item in session.items):
         names += sorted(set(makers) - set(names))
     first = len(names) * WORKER // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
