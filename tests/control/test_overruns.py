@@ -70,6 +70,7 @@ def unit(rng: np.random.Generator, n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("followed", [False, True], ids=["ends", "way"])
 @pytest.mark.parametrize("seed", mostly_slow(range(60), 6))
+@pytest.mark.long
 def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followed: bool) -> None:
     """The servo is away for long while the device stands still; from then on up to as long, again and again, while the
     device goes with the force as fast as it may. Springs up to 10 kN/m, any step limit, any ceiling.

@@ -122,6 +122,7 @@ def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
 
 @pytest.mark.parametrize("coarse", [False, True], ids=["exact", "encoders"])
 @pytest.mark.parametrize("seed", mostly_slow(range(60), 8))
+@pytest.mark.long
 def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int, coarse: bool) -> None:
     """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.
 

@@ -99,6 +99,7 @@ def _about_z(angle: float) -> Any:
 
 @pytest.mark.parametrize("lossy", [False, True])
 @pytest.mark.parametrize("axes", ["xyz", "x"])
+@pytest.mark.long
 def test_the_account_has_all_work_of_the_torques(lossy: bool, axes: str, library: None) -> None:
     """Of the torque reported before a motion and the one after it, that which put out more; nothing but the holding
     torques' own account stands between that and the work of the force."""

@@ -108,6 +108,7 @@ def test_delays_of_conditions_weigh_by_time() -> None:
         "delay 20ms 5ms reorder 25% gap 3 loss 10%",
     ],
 )
+@pytest.mark.long
 def test_links_achieve_what_is_expected(words: str) -> None:
     count = 100_000
     link: Link[int] = Link(LinkProfile.parse(words), 4)

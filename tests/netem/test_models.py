@@ -95,6 +95,7 @@ def test_delays_are_never_negative() -> None:
 
 @pytest.mark.parametrize("name", CDFS)
 @pytest.mark.parametrize("correlation", [0.25, 0.5, 0.9])
+@pytest.mark.long
 def test_delay_correlation_is_the_one_asked_for_and_leaves_the_distribution(name: str, correlation: float) -> None:
     words = f"delay 200ms 10ms {100 * correlation:g}% distribution {name}"
     jitter = (take_delays(words, 200_000) - 200e6) / J

@@ -29,6 +29,7 @@ class Away(Rest):
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("limit", [None, 0.4])
 @pytest.mark.parametrize("general", [False, True])
+@pytest.mark.long
 def test_the_hands_work_is_all_accounted_for(n: int, limit: float | None, general: bool) -> None:
     """Without damping, W = change of kinetic + potential to 1e-13 J over 5 s, also where the spring saturates."""
     K = random_spd(np.random.default_rng(n), n, 40.0, 300.0) if general else np.eye(n) * 100.0

@@ -22,6 +22,7 @@ def stored_energy(M: Array, K: Array, x: Array, v: Array, ybar: Array) -> Array:
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("walled", [False, True])
+@pytest.mark.long
 def test_identity_13_over_random_steps(n: int, walled: bool) -> None:
     # 1e5 steps in all. Relative to the energies that the identity adds up, the external work among them.
     rng = np.random.default_rng([n, walled])

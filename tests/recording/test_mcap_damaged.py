@@ -91,6 +91,7 @@ def rows(recording: Recording) -> int:
 
 @pytest.mark.parametrize("numbers", mostly_slow([((0, 17, CHUNKS - 1),), (range(CHUNKS),)], 1), ids=["three", "all"])
 @pytest.mark.parametrize("how", ["bit", "head", "zeros", "cut"])
+@pytest.mark.long
 def test_one_damaged_chunk_of_thirty_five_costs_one_chunk(
     whole: tuple[Path, list[Place], bool], tmp_path: Path, how: str, numbers: Sequence[int]
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_repaired_copy_has_all_that_is_left(tmp_path: Path, closed: bool) -> N
 
 
 @pytest.mark.parametrize(("before", "behind"), mostly_slow([(211, 139), (37, 23)], 1))
+@pytest.mark.long
 def test_damage_outside_chunks_costs_no_samples(tmp_path: Path, before: int, behind: int) -> None:
     """Each copy of the settings, the header, the summary, the index, and the end; byte by byte of the small ones.
 
@@ -215,6 +217,7 @@ def refusal(path: Path) -> str | None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.long
 def test_random_damages_are_read_or_refused_in_one_line(tmp_path: Path, seed: int) -> None:
     try_damages(tmp_path / "a.mcap", 40, seed)
 

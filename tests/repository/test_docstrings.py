@@ -5,6 +5,8 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PARAMETERS = re.compile(r"^([A-Za-z_]\w*(?:, [A-Za-z_]\w*)*) : ", re.MULTILINE)
 """A line ``name : meaning``, or ``name, other : meaning``."""
@@ -97,6 +99,7 @@ def strangers(tree: ast.Module, classes: dict[str, ast.ClassDef]) -> list[str]:
     return found
 
 
+@pytest.mark.long
 def test_no_docstring_asks_or_begins_with_what_and_a_line_about_a_parameter_names_one() -> None:
     """One test, as parsing all sources takes seconds."""
     paths = [path for package in ("hapnet", "netem") for path in sorted((ROOT / package).rglob("*.py"))]

@@ -11,6 +11,7 @@ from tests.support.sessions import MS, Network, paired, session
 
 
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.long
 def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
     device, world = session("device", 1), session("world", 2)
     network = Network(device, world, seed=seed, loss=0.4, repeat=0.3, jitter=80 * MS)

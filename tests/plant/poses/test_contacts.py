@@ -247,6 +247,7 @@ def test_a_tools_spring_is_one_number_for_the_point_and_one_for_turning(wrong: t
 
 
 @pytest.mark.parametrize("step_ms", mostly_slow([10.0, 50.0, 1.0, 3.0, 7.0, 20.0, 30.0], 2))
+@pytest.mark.long
 def test_a_tool_at_rest_reports_its_load(step_ms: float) -> None:
     """A box on a plane, its goal 10 mm deeper: K = 500 N/m in series with four corners of 3000 N/m are 4.8 N."""
     scene = builder("tool:box + plane?normal=0,0,-1&at=0,0,-20mm&friction=0.3")()

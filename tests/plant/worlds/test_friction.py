@@ -27,6 +27,7 @@ DEPTH, SPEED = 0.01, 0.05
         4,
     ),
 )
+@pytest.mark.long
 def test_a_groove_holds_by_the_friction_of_both_its_sides(
     slope_deg: float, step_ms: float, mu: float, held_share: float
 ) -> None:
