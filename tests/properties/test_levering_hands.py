@@ -19,7 +19,7 @@ KEY = (
     " + cuboid?at=0,28.2mm,-40mm&size=4.4mm,40mm,40mm + cuboid?at=0,-28.2mm,-40mm&size=4.4mm,40mm,40mm"
 )
 OUT_J, MODULATED, STEP_NM = 0.015, 0.02, 0.005
-"""Measured over 20 hands: at most 7.5 mJ, 0.5 %, 2.6 mNm."""
+"""Measured over ten hands: at most 7.3 mJ, 0.5 %, 3.2 mNm."""
 MINUTE_J, MINUTE_MODULATED = 0.09, 0.09
 """In a minute the dampers of the walls dissipate up to 119 mJ, which the hand pays for later or not: 75 mJ of it
 with hand-42, of whose steps 7.7 % are modulated then; at most 45 mJ and 4 % with the others."""
