@@ -20,9 +20,8 @@ KEY = (
 )
 OUT_J, MODULATED, STEP_NM = 0.015, 0.02, 0.005
 """Measured over ten hands: at most 7.3 mJ, 0.5 %, 3.2 mNm."""
-MINUTE_J, MINUTE_MODULATED = 0.09, 0.09
-"""In a minute the dampers of the walls dissipate up to 119 mJ, which the hand pays for later or not: 75 mJ of it
-with hand-42, of whose steps 7.7 % are modulated then; at most 45 mJ and 4 % with the others."""
+MINUTE_J, MINUTE_MODULATED = 0.015, 0.02
+"""In a minute with four of these hands at most 8.5 mJ, 0.05 %."""
 ALL = ["hand-46", "hand-42", "hand-45", *(f"{HANDS}:{name}" for name in ("Levering", "Wandering", "Jamming"))]
 
 
