@@ -10,13 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from hapnet.checks import Array
 from hapnet.ext.soft import soft_mesh
 from hapnet.ext.soft.soft_body import Body, Material
 from hapnet.ext.soft.soft_contacts import Skin, SoftContacts
+from hapnet.ext.soft.soft_linear import stiffness_at_rest
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.simulation.simulation import simulate
 
@@ -71,13 +71,7 @@ def step_ms(nodes: int, degrees: float) -> tuple[float, float, float, int]:
 def bare_solve_ms(nodes: int) -> float:
     """One sparse solve of the body's matrix at rest, which is assembled already."""
     body = twisted(nodes, 0.0).body
-    g, unit = body.grads, np.eye(3)
-    blocks = body.lam[:, None, None, None, None] * np.einsum("eai,ebj->eaibj", g, g)
-    across = np.einsum("ebi,eaj->eaibj", g, g) + np.einsum("eak,ebk,ij->eaibj", g, g, unit)
-    blocks += body.mu[:, None, None, None, None] * across
-    rows = (3 * body.tets[:, :, None] + np.arange(3)).reshape(-1, 12)
-    where = (np.repeat(rows, 12, axis=1).ravel(), np.tile(rows, (1, 12)).ravel())
-    whole = sparse.csc_matrix((blocks.ravel(), where), (3 * len(body.x),) * 2)[: 3 * body.free, : 3 * body.free]
+    whole = stiffness_at_rest(body)[: 3 * body.free, : 3 * body.free]
     b = np.ones(3 * body.free)
     return median_ms(lambda: spsolve(whole.tocsc(), b, permc_spec="MMD_AT_PLUS_A"), 3)
 

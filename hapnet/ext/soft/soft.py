@@ -37,7 +37,8 @@ FIRST_WORDS = (WORD,)
 WORDS = (
     "unit=mm (of a file), size=60mm,60mm,60mm, nodes=1000 (about), young=20000 (Pa), poisson=0.4, density=1000, "
     "beta=0.01 (damping [s]), lump=TIMES, lump_at=X,Y,Z, lump_radius=10mm, pin=+x (-x, +y, ...; none), "
-    "gravity=X,Y,Z (m/s2), ball=10mm (radius), contact=500 (N/m a point), contact_damping=0.5, friction=0.3"
+    "gravity=X,Y,Z (m/s2), ball=10mm (radius), contact=500 (N/m a point; by default "
+    "as the material), contact_damping=0.5, friction=0.3"
 )
 _SIZES = {"": (0.06, 0.06, 0.06), "organ": (0.05, 0.09, 0.06)}
 _FRONT_M = 0.02
@@ -130,7 +131,7 @@ def _body(properties: Properties, file: str) -> tuple[Body, Skin]:
         places, tets = soft_mesh.read(file, UNITS[unit], nodes)
     places = places - 0.5 * (places.min(axis=0) + places.max(axis=0))
     skin = Skin(
-        stiffness=_above(properties, "contact", 500.0), friction=_least(properties, "friction", 0.3),
+        stiffness=_contact(properties), friction=_least(properties, "friction", 0.3),
         radius=properties.length("ball", 0.01), damping=_least(properties, "contact_damping", 0.5),
     )  # fmt: skip
     material = Material(
@@ -175,6 +176,14 @@ def _above(properties: Properties, key: str, default: float) -> float:
     if not value > 0.0:
         raise properties.error(f"{key}={value:g}", f"{key}: above 0")
     return value
+
+
+def _contact(properties: Properties) -> float | None:
+    """The stiffness of each point [N/m], if it is given."""
+    if (text := properties.text("contact")) is None:
+        return None
+    properties.give_back("contact", text)
+    return _above(properties, "contact", 1.0)
 
 
 def _least(properties: Properties, key: str, default: float) -> float:

@@ -19,6 +19,7 @@ from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.observed_world import compliance_of
 from hapnet.ext.soft.soft_body import Body
+from hapnet.ext.soft.soft_layer import Layer
 from hapnet.ext.soft.soft_linear import Indices, conjugate_gradients, one_thread
 from hapnet.ext.soft.soft_planes import planes_at
 from hapnet.ext.soft.soft_solids import Solids
@@ -30,11 +31,14 @@ from hapnet.mechanics.plane import Plane
 RESERVOIR_J = 0.01
 """The ceiling of E_c."""
 
+NODE_N_PER_M = 500.0
+"""The stiffness of a node's contact with a solid, if no other is given."""
+
 TOLERANCE = 0.01
 """Relative tolerance of the linear solve."""
 
-_SOLVES = 5
-_FAR_M = 1e-3
+_SOLVES = 8
+_FAR_M = 3e-4
 """If a node moves farther than expected by more than this, the body's rotations are computed again."""
 
 _NEAR_M, _MOST, _MOST_LYING = 3e-3, 150, 300
@@ -58,9 +62,13 @@ estimate from a single step's motion is rough."""
 
 @dataclass(frozen=True)
 class Skin:
-    """The contact between body and ball: k [N/m], b [Ns/m] and mu of each point; the ball's radius [m]."""
+    """The contact between body and ball: k [N/m], b [Ns/m] and mu of each point; the ball's radius [m].
 
-    stiffness: float = 500.0
+    stiffness : None: what the mesh lacks to be as soft as its material under a ball (`hapnet.ext.soft.soft_layer`).
+        Then `damping` is for a point of `NODE_N_PER_M`, and those of less or more stiffness have less or more.
+    """
+
+    stiffness: float | None = None
     damping: float = 0.5
     friction: float = 0.3
     radius: float = 0.01
@@ -85,7 +93,9 @@ class SoftContacts(Surroundings):
     ) -> None:
         one_thread()
         self.body, self.skin, self._dof, self.tolerance = body, skin, dof, tolerance
-        nodes, weights = surface_points(body.surface)
+        layer = Layer(body, skin)
+        nodes, weights, base = surface_points(body.surface, layer.stiffness)
+        self.layer = layer
         self.points, corners, many = len(nodes), len(np.unique(body.surface)), len(solids)
         self.solids = Solids(solids, corners, skin.radius)
         self.nodes: Indices = np.concatenate([nodes, *[nodes[:corners]] * many, np.zeros((many, 3), dtype=np.int64)])
@@ -94,13 +104,17 @@ class SoftContacts(Surroundings):
         self.scale, self.rounds = 1.0, 0
         count = len(self.nodes)
         self.by_ball: Array = np.ones(count)
-        self.stiffness: Array = np.full(count, skin.stiffness)
+        self.stiffness: Array = np.full(count, skin.stiffness or NODE_N_PER_M)
         self.damping: Array = np.full(count, skin.damping)
+        self.firm: Array = base if skin.stiffness is None else self.stiffness[: self.points].copy()
+        self._factor = layer.factor(0.0)
+        self.damping[: self.points] *= self.firm / (skin.stiffness or NODE_N_PER_M)
         if many:
             self.by_ball[self.points : -many] = 0.0
             self.stiffness[-many:] = [solid.stiffness for solid in solids]
             self.damping[-many:] = [solid.damping for solid in solids]
         self.q: Array = np.zeros(count)
+        self._stiffen()
         self.drag: Array = np.zeros(count)  # c_t
         self.forces: Array = np.zeros((count, 3))  # on the points [N]
         self.centre: Array = np.zeros(3)  # of the ball, after the last step
@@ -328,7 +342,10 @@ class SoftContacts(Surroundings):
         for kept, new in ((self.forces, forces), (self.drag, touch.next_drag(rho, forces))):
             kept[:] = 0.0
             kept[touch.points] = new
-        body.advance(dt, mean)
+        if body.free == len(body.x) and not forces.any() and not self.q.any():
+            dissipated = self._fly(dt, mean, dissipated)
+        else:
+            body.advance(dt, mean)
         if self.still is not None:
             shape = self.places(body.x + body.beta_s * mean - touch.yielded(forces))
             self.still += dt / (_STAYS_S + dt) * (shape - self.still)
@@ -336,12 +353,35 @@ class SoftContacts(Surroundings):
         self.reservoir_J = min(whole, RESERVOIR_J)
         self.discarded_J += whole - self.reservoir_J
 
+    def _fly(self, dt: float, mean: Array, dissipated: float) -> float:
+        """Make the step of a body that nothing touches, with its momentum kept if E_c can pay. Returns E_c's gain [J].
+
+        dissipated : with the mean velocity as solved (N, 3) [J].
+        """
+        body, before = self.body, self.body.moving_J + self.body.strained_J
+        kept = body.x.copy(), body.v.copy(), body.strains.copy()
+        body.advance(dt, body.with_momentum(dt, mean))
+        left = before - body.moving_J - body.strained_J
+        if self.reservoir_J + left >= 0.0:
+            return left
+        body.x, body.v, body.strains = kept
+        body.advance(dt, mean)
+        return dissipated
+
+    def _stiffen(self) -> None:
+        """Bring the stiffness of the ball's contacts nearer to that by their present force."""
+        ball = slice(0, self.points)
+        wanted = self.layer.factor(float(self.stiffness[ball] @ self.q[ball]))
+        self._factor += 0.5 * (wanted - self._factor)
+        self.stiffness[ball] = self._factor * self.firm
+
     def _anchor(self, depths: Array) -> None:
         """Set strains and depths back to the true ones; `depths` (C,) [m]."""
         body = self.body
         held = self._held_J()
         body.strains[:] = body.true_strains()
         self.q = np.maximum(depths, 0.0)
+        self._stiffen()
         true, at_hand = self._held_J(), held + self.reservoir_J
         self.scale = 1.0
         if true > at_hand:
@@ -359,12 +399,14 @@ def _deepest(rows: Indices, depths: Array, most: int) -> Indices:
     return rows if len(rows) <= most else np.sort(rows[np.argsort(-depths[rows])[:most]])
 
 
-def surface_points(surface: Indices) -> tuple[Indices, Array]:
-    """The points of a surface that can touch, its nodes and the middles of its edges, as nodes and weights (P, 3)."""
+def surface_points(surface: Indices, stiffness: Array) -> tuple[Indices, Array, Array]:
+    """The points of a surface that can touch, its nodes and the middles of its edges: nodes and weights (P, 3), and the
+    part of the triangles' stiffness (F,) [N/m] that each has (P,).
+    """
     nodes = np.unique(surface)
-    edges = np.unique(
-        np.sort(np.concatenate([surface[:, [0, 1]], surface[:, [1, 2]], surface[:, [2, 0]]]), axis=1), axis=0
-    )
+    pairs = np.sort(np.concatenate([surface[:, [0, 1]], surface[:, [1, 2]], surface[:, [2, 0]]]), axis=1)
+    edges, of = np.unique(pairs, axis=0, return_inverse=True)
     corners = np.concatenate([np.repeat(nodes[:, None], 3, axis=1), edges[:, [0, 1, 1]]])
     weights = np.concatenate([np.tile((1.0, 0.0, 0.0), (len(nodes), 1)), np.tile((0.5, 0.5, 0.0), (len(edges), 1))])
-    return corners, weights
+    of_nodes = np.bincount(np.searchsorted(nodes, surface).ravel(), np.repeat(stiffness / 12.0, 3))
+    return corners, weights, np.concatenate([of_nodes, np.bincount(of.reshape(-1), np.tile(stiffness / 4.0, 3))])

@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.checks import Array
+
+if TYPE_CHECKING:
+    from hapnet.ext.soft.soft_body import Body
 
 Indices = NDArray[np.int64]
 
@@ -40,32 +44,23 @@ def one_thread() -> None:
 class Factor:
     """S at rest, ``2m/T + (T/2 + beta) K`` for T = `FACTORED_S`, factored.
 
-    tets, grads, lam, mu : see `hapnet.ext.soft.soft_elastic`. mass (N,) [kg]. free : the number of nodes that can move,
-        the first ones. places (N, 3) : the nodes' [m].
+    body : its tetrahedra, material and masses. places (N, 3) : the nodes' [m].
 
     If all nodes are free, there are rigid motions too: for these S is ``2m/T``, and their part of the inverse is exact.
     """
 
-    def __init__(
-        self, tets: Indices, grads: Array, lam: Array, mu: Array, mass: Array, free: int, beta_s: float, places: Array
-    ) -> None:
+    def __init__(self, body: Body, places: Array) -> None:
         from scipy import sparse
         from scipy.sparse.linalg import splu
 
+        mass, free, beta_s = body.mass, body.free, body.beta_s
         self._free, self._beta_s = free, beta_s
         self._rigid = rigid_modes(mass, places) if free == len(mass) else np.zeros((3 * free, 0))
         self._slots: dict[int, int] = {}
         self._kept: Array = np.empty((3 * MOST_COLUMNS, 3 * free))
-        g, unit = grads, np.eye(3)
-        blocks = lam[:, None, None, None, None] * np.einsum("eai,ebj->eaibj", g, g)
-        across = np.einsum("ebi,eaj->eaibj", g, g) + np.einsum("eak,ebk,ij->eaibj", g, g, unit)
-        blocks += mu[:, None, None, None, None] * across
-        rows = (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 12)
-        where = (np.repeat(rows, 12, axis=1).ravel(), np.tile(rows, (1, 12)).ravel())
-        size = 3 * len(mass)
-        stiff = sparse.csc_matrix((blocks.ravel(), where), (size, size))
+        whole = (0.5 * FACTORED_S + beta_s) * stiffness_at_rest(body)
         inertia = sparse.diags(np.repeat(2.0 / FACTORED_S * mass, 3))
-        whole = ((0.5 * FACTORED_S + beta_s) * stiff + inertia)[: 3 * free, : 3 * free]
+        whole = (whole + inertia)[: 3 * free, : 3 * free]
         symmetric = {"SymmetricMode": True}
         self._factor = splu(whole.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
 
@@ -115,6 +110,21 @@ class Factor:
         slots = axes_of(np.array([self._slots[a] for a in nodes.tolist()], dtype=np.int64))
         found: Array = self._kept[slots if at is None else np.ix_(slots, axes_of(at))].T
         return found
+
+
+def stiffness_at_rest(body: Body) -> Any:
+    """K at rest, a sparse matrix (3N, 3N)."""
+    from scipy import sparse
+
+    tets, g, unit = body.tets, body.grads, np.eye(3)
+    blocks = np.einsum("e,ebi,eaj->eaibj", body.mu, g, g) + np.einsum("e,eak,ebk,ij->eaibj", body.mu, g, g, unit)
+    rows = (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 12)
+    where = (np.repeat(rows, 12, axis=1).ravel(), np.tile(rows, (1, 12)).ravel())
+    size = 3 * len(body.mass)
+    shear = sparse.csc_matrix((blocks.ravel(), where), (size, size))
+    patch = np.repeat(np.arange(len(body.lam)), 12 * np.diff(body.patches))
+    traces = sparse.csr_matrix(((body.shares[:, None, None] * g).ravel(), (patch, rows.ravel())), (len(body.lam), size))
+    return (shear + traces.T @ sparse.diags(body.lam) @ traces).tocsc()
 
 
 def axes_of(nodes: Indices) -> Indices:

@@ -33,6 +33,9 @@ _AHEAD_M = (0.002, 0.006, 0.015)
 _BESIDE_M = 0.002
 """Points less deep than the deepest point by up to this have a share in the normal, so the mesh itself is not felt."""
 
+_STIFFENS = 0.12
+"""Growth of the material's stiffness with the depth over the ball's radius; the compliance is that at rest."""
+
 _FLAT_PER_M = 2.0
 _FACING = 0.8
 _SLIGHT, _KNOTS = 0.01, 4
@@ -99,13 +102,14 @@ class Course:
         early[(aside > radius * radius) | (depths < -1.0)] = np.inf  # points that the ball misses, or that face away
         near = np.argsort(early)[:_MOST]
         near = np.sort(near[early[near] < np.inf])
-        self._k, self._radius, self._centre, self._n = contacts.skin.stiffness, radius, centre, n
+        self._k, self._layer, self._factor = contacts.firm[near], contacts.layer, contacts.layer.factor(0.0)
+        self._radius, self._centre, self._n, self._first = radius, centre, n, 0.0
         self._G = contacts.compliance(near)
         self._apart = away[near]
         if contacts.still is not None:
             self._still = contacts.still[near] - centre
         else:
-            push = (self._k * np.maximum(depths[near], 0.0))[:, None] * normals[near]
+            push = (contacts.stiffness[near] * np.maximum(depths[near], 0.0))[:, None] * normals[near]
             moving = body.beta_s * contacts.places(body.mean)[near]
             self._still = self._apart + moving - (self._G @ push.ravel()).reshape(-1, 3)
 
@@ -114,7 +118,8 @@ class Course:
         ahead = self._still @ self._n
         aside = (self._still**2).sum(axis=1) - ahead * ahead
         early = ahead - np.sqrt(np.maximum(self._radius**2 - aside, 0.0))
-        return float(early.min(initial=np.inf))
+        self._first = float(early.min(initial=np.inf))
+        return self._first
 
     def force(self, delta: float) -> float:
         """The force [N] along n; call it with increasing deltas, as each call begins with the last call's places."""
@@ -127,9 +132,12 @@ class Course:
             k = len(n)
             moves = (self._G.reshape(3 * k, k, 3) * n).sum(axis=2).reshape(k, 3, k)
             along = (n[:, :, None] * moves).sum(axis=1)
-            pushes = one_sided(along + np.eye(k) / self._k, wanted)
+            pushes = one_sided(along + np.diag(1.0 / (self._factor * self._k)), wanted)
+            self._factor = self._layer.factor(float(pushes.sum()))
             self._apart = self._still + (self._G @ (pushes[:, None] * n).ravel()).reshape(-1, 3)
-        return float(pushes @ (n @ self._n))
+        return float(pushes @ (n @ self._n)) * (
+            1.0 + _STIFFENS * max(0.0, delta - max(0.0, self._first)) / self._radius
+        )
 
 
 def one_sided(matrix: Array, wanted: Array) -> Array:
