@@ -16,7 +16,7 @@ from hapnet.params import Params
 from hapnet.plant.operator import Impedance, Sine
 from hapnet.records.machine_code import no_compiler
 from hapnet.simulation.simulation import Simulation
-from tests.plant.arms.references import cylindrical
+from tests.plant.arms.references import cylindrical, led
 
 OVER_4G = {"hardware": "omni", "link.up": "4g", "link.down": "4g", "duration_s": 1.5, "device.substeps": 1}
 
@@ -88,7 +88,9 @@ def test_an_arm_without_the_compiler_says_what_it_needs(monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("table", [omni(), cylindrical()], ids=lambda table: str(table.name))
+@pytest.mark.parametrize(
+    "table", [omni(), cylindrical(), led(cylindrical(), (2, 1, 0.05, -0.03))], ids=lambda table: str(table.name)
+)
 def test_compiled_ticks_are_pythons(table: ArmTable) -> None:
     """To the last bit, with forces that a motor cuts and a hand that presses against stops; with a slide too."""
     if no_compiler() is not None:

@@ -11,6 +11,9 @@ after it:
 
 The change of a point between two postures is exact too: ``x(q1) - x(q0) = J_d (q1 - q0)``. With Rz averaged over both
 ends, ``cos(d/2) Rz(q_m)`` in the plane, the product rule of differences holds at every joint, so J_d needs no division.
+
+A joint that mimics another has no coordinate of its own: all joints are at ``G q + g0`` with a constant G, so
+``G' M G``, ``G' C G``, ``G' g`` and ``J_d G`` are those of the arm's coordinates q.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ _SMALL = 1e-2
 class ArmLink(Record):
     """A link with its joint, which turns about the z axis of its frame or slides along it; the first is the base.
 
+    coordinate : the number of the q that moves the joint, which is at ``multiplier q + addend``.
     slides : whether the joint slides. armature : what its motor's rotor adds to M [kg m^2] or [kg].
     rotation, offset : of the frame at q = 0, in the frame of the link before [m]. mass [kg], moment [kg m], second
     [kg m^2] : of the link about the origin of its frame, ``m``, ``m c`` and the integral of ``r r'``.
@@ -49,6 +53,9 @@ class ArmLink(Record):
     angular, linear, angular_change, linear_change, returned : terms of M and C for the joint.
     """
 
+    coordinate: int
+    multiplier: float
+    addend: float
     slides: int
     armature: float
     rotation: Matrix3
@@ -78,26 +85,29 @@ class Lever(Record):
     """A point that the chain carries, or the sum of all first moments, between two postures.
 
     arms : the part of it in each link's frame, from the base to the last. begin, end : the point at both postures.
-    columns : J_d, a row for each joint. shifted : what a slide's way is multiplied by: 1 for a point, the mass behind
-        the slide for the sum of first moments [kg].
+    columns : J_d, a row for each coordinate; whole : for each joint, if some mimic others. shifted : what a slide's way
+        is multiplied by: 1 for a point, the mass behind the slide for the sum of first moments [kg].
     """
 
     arms: Annotated[FloatRows, (JOINTS + 1, 3)]
     begin: Vector3
     end: Vector3
     columns: Annotated[FloatRows, (JOINTS, 3)]
+    whole: Annotated[FloatRows, (JOINTS, 3)]
     shifted: OfJoints
 
 
 class Chain(Record):
     """The links, the tip, and the matrices of the latest posture.
 
+    n : the number of coordinates. bodies : that of joints, each with its link.
     tip_mass : of an additional body fixed to the tip [kg]. gamma : the acceleration of gravity [m/s^2].
     tip : its lever; its `arms` begin at the origin of positions. weight : the lever of the first moments [kg m].
     inertia, coriolis : M and C.
     """
 
     n: int
+    bodies: int
     tip_mass: float
     gamma: Vector3
     links: Annotated[Sequence[ArmLink], (JOINTS + 1,)]
@@ -123,10 +133,11 @@ def dot3(a: Reals, b: Reals) -> float:
 @equation
 def place(chain: Chain, q: Reals, rates: Reals) -> None:
     """Compute frames, axes and motions of all links at q [rad] and q' [rad/s]."""
-    for i in range(1, chain.n + 1):
+    for i in range(1, chain.bodies + 1):
         link, before = chain.links[i], chain.links[i - 1]
         R, W, T = link.rotation, before.turned, link.turned
-        angle, way, rate = 0.0 if link.slides else q[i - 1], q[i - 1] if link.slides else 0.0, rates[i - 1]
+        at, rate = link.multiplier * q[link.coordinate] + link.addend, link.multiplier * rates[link.coordinate]
+        angle, way = 0.0 if link.slides else at, at if link.slides else 0.0
         c, s = math.cos(angle), math.sin(angle)
         o, axis, lever, spin, drift = link.offset, link.axis, link.lever, link.spin, link.drift
         for r in range(3):
@@ -147,7 +158,7 @@ def place(chain: Chain, q: Reals, rates: Reals) -> None:
 @equation
 def gather(chain: Chain) -> None:
     """Compute the sums over each link and all links after it, in the world."""
-    n = chain.n
+    n = chain.bodies
     for i in range(n, 0, -1):
         link = chain.links[i]
         T, p, m, S, c = link.turned, link.place, link.mass, link.second, link.moment
@@ -215,8 +226,12 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
     place(chain, q, rates)
     gather(chain)
     n, M, C = chain.n, chain.inertia, chain.coriolis
-    for j in range(1, n + 1):
+    for a in range(n):
+        for b in range(n):
+            M[a][b] = C[a][b] = 0.0
+    for j in range(1, chain.bodies + 1):
         link = chain.links[j]
+        b = link.coordinate
         z, u, N, flow = link.axis, link.lever, link.stir, link.flow
         turn, shift, back = link.angular, link.linear, link.returned
         cross(link.spin, z, turn)  # z' and u', the rates of the axis as the arm moves
@@ -232,19 +247,25 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
             link.linear_change[r] += back[r]
         for i in range(1, j + 1):
             other = chain.links[i]
-            C[i - 1][j - 1] = dot3(other.axis, link.angular_change) + dot3(other.lever, link.linear_change)
+            share = other.multiplier * link.multiplier
+            C[other.coordinate][b] += share * (
+                dot3(other.axis, link.angular_change) + dot3(other.lever, link.linear_change)
+            )
         momentum(link, z, u, link.angular_change, link.linear_change)
         for i in range(1, j + 1):
             other = chain.links[i]
-            M[i - 1][j - 1] = dot3(other.axis, link.angular_change) + dot3(other.lever, link.linear_change)
-            M[j - 1][i - 1] = M[i - 1][j - 1]
-        M[j - 1][j - 1] += link.armature
+            value = dot3(other.axis, link.angular_change) + dot3(other.lever, link.linear_change)
+            value *= other.multiplier * link.multiplier
+            M[other.coordinate][b] += value
+            if i < j:
+                M[b][other.coordinate] += value
+        M[b][b] += link.multiplier * link.multiplier * link.armature
         cross(flow, u, back)
         for r in range(3):
             back[r] += trace * z[r] - (N[0][r] * z[0] + N[1][r] * z[1] + N[2][r] * z[2])
         for i in range(1, j):
             other = chain.links[i]
-            C[j - 1][i - 1] = (
+            C[b][other.coordinate] += (other.multiplier * link.multiplier) * (
                 dot3(other.angular, link.angular_change)
                 + dot3(other.linear, link.linear_change)
                 + dot3(other.axis, back)
@@ -254,17 +275,20 @@ def matrices(chain: Chain, q: Reals, rates: Reals) -> None:
 @equation
 def difference(chain: Chain, lever: Lever, q0: Reals, q1: Reals) -> None:
     """Compute the lever at two postures, and J_d between them; for equal postures J_d is the Jacobian."""
-    n, begin, end, columns = chain.n, lever.begin, lever.end, lever.columns
+    n, begin, end, columns = chain.bodies, lever.begin, lever.end, lever.columns
     for r in range(3):
         begin[r] = end[r] = lever.arms[n][r]
     for i in range(n, 0, -1):
-        R, arm, one = chain.links[i].rotation, lever.arms[i - 1], columns[i - 1]
-        if chain.links[i].slides:
+        link = chain.links[i]
+        R, arm, one = link.rotation, lever.arms[i - 1], columns[i - 1]
+        at0 = link.multiplier * q0[link.coordinate] + link.addend
+        at1 = link.multiplier * q1[link.coordinate] + link.addend
+        if link.slides:
             one[0], one[1], one[2] = 0.0, 0.0, lever.shifted[i - 1]
-            begin[2] += q0[i - 1] * one[2]
-            end[2] += q1[i - 1] * one[2]
+            begin[2] += at0 * one[2]
+            end[2] += at1 * one[2]
         else:
-            _turn(lever, i, n, q0[i - 1], q1[i - 1])
+            _turn(lever, i, n, at0, at1)
         for j in range(i - 1, n):
             _rotate(R, columns[j])
         _rotate(R, begin)
@@ -272,6 +296,21 @@ def difference(chain: Chain, lever: Lever, q0: Reals, q1: Reals) -> None:
         for r in range(3):
             begin[r] += arm[r]
             end[r] += arm[r]
+    if n > chain.n:
+        _lead(chain, lever)
+
+
+@equation
+def _lead(chain: Chain, lever: Lever) -> None:
+    """Compute the columns of coordinates from those of joints."""
+    columns, whole = lever.columns, lever.whole
+    for i in range(chain.bodies):
+        for r in range(3):
+            whole[i][r], columns[i][r] = columns[i][r], 0.0
+    for i in range(chain.bodies):
+        link = chain.links[i + 1]
+        for r in range(3):
+            columns[link.coordinate][r] += link.multiplier * whole[i][r]
 
 
 @equation
@@ -318,10 +357,12 @@ def height(chain: Chain, q: Reals) -> float:
 
 
 def zero_chain(n: int) -> Chain:
-    """A chain of n joints, all zero; the base's frame is the world's."""
+    """A chain of n joints, all zero, each with its coordinate; the base's frame is the world's."""
     chain = Chain()
-    chain.n = n
+    chain.n = chain.bodies = n
     chain.links = [ArmLink() for _ in range(n + 1)]
+    for i, link in enumerate(chain.links[1:]):
+        link.coordinate, link.multiplier = i, 1.0
     for k in range(3):
         chain.links[0].turned[k][k] = 1.0
     return chain

@@ -55,7 +55,7 @@ class SimulatedArm(SimulatedDevice):
         super().__init__(
             operator, damping=0.0, period=period, substeps=substeps, resolution=resolution, force_limit=force_limit
         )
-        if self.dof != (axes := len(table.joints) if by_joints else TIP_AXES):
+        if self.dof != (axes := len(table.free) if by_joints else TIP_AXES):
             raise InvalidParameter("dof", self.dof, f"{axes}, the {'joints of' if by_joints else 'axes of the tip of'} "
                                    f"{table.name}")  # fmt: skip
         if by_joints:
@@ -73,7 +73,7 @@ class SimulatedArm(SimulatedDevice):
         """Raise InvalidParameter if a motor cannot carry its part of the arm's weight, as it could render nothing."""
         arm = self.arm
         gravity(arm.chain, arm.q, arm.q, arm.load)
-        for joint, load in zip(self.table.joints, arm.load, strict=False):
+        for joint, load in zip(self.table.free, arm.load, strict=False):
             if arm.compensated and joint.effort <= abs(load):
                 unit = "N" if joint.slides else "Nm"
                 allowed = f"above {abs(load):.3g} {unit}, which the arm's weight needs at home"
@@ -90,7 +90,7 @@ class SimulatedArm(SimulatedDevice):
 
     @property
     def angles(self) -> Vector:
-        """The joints' angles q [rad]."""
+        """The free joints' angles q [rad]."""
         return tuple(self.arm.q[: self.arm.n])
 
     @property
@@ -154,7 +154,7 @@ class SimulatedArm(SimulatedDevice):
 
 def require_hinges(table: ArmTable) -> None:
     """Raise InvalidParameter if a joint slides: coupled joint by joint, all axes have one unit."""
-    for joint in table.joints:
+    for joint in table.free:
         if joint.slides:
             why = f"its joint {joint.name} slides; axes=joints needs joints that turn, as all axes have one unit"
             raise InvalidParameter("the arm", table.name, "", why=why)
@@ -163,7 +163,7 @@ def require_hinges(table: ArmTable) -> None:
 def turned(table: ArmTable, position: Vector) -> list[float]:
     """The posture at `position` from home, joint by joint [rad]. Raises InvalidParameter: beyond a stop."""
     q = [home + angle for home, angle in zip(table.home, position, strict=True)]
-    for joint, angle in zip(table.joints, q, strict=True):
+    for joint, angle in zip(table.free, q, strict=True):
         if not joint.lower <= angle <= joint.upper:
             allowed = f"within its stops, {joint.lower:g} to {joint.upper:g} rad"
             raise InvalidParameter(f"the hand's start at {table.name}'s joint {joint.name} [rad]", angle, allowed)
@@ -177,9 +177,7 @@ def inverse(chain: Chain, table: ArmTable, position: Vector) -> list[float]:
     """
     n, tip = chain.n, chain.tip
     q, target, reach = np.array(table.home), np.array(position), max(table.reaches) or 1.0
-    lower, upper = (
-        np.array(ends) for ends in zip(*((joint.lower, joint.upper) for joint in table.joints), strict=True)
-    )
+    lower, upper = (np.array(ends) for ends in zip(*((joint.lower, joint.upper) for joint in table.free), strict=True))
     for _ in range(_MOST_STEPS):
         difference(chain, tip, q.tolist(), q.tolist())
         error = target - np.array(tip.begin)

@@ -35,7 +35,7 @@ def open_home(table: ArmTable) -> Vector:
     """The home of a table: the middle between the stops (`home_of`), or the nearest posture found that is not near a
     singular one and in which the motors carry the weight; if there is none, the posture found that is farthest from
     a singular one. Raises InvalidParameter: as `chain_of`."""
-    middle = home_of(table.joints)
+    middle = home_of(table.free)
     chain = chain_of(replace(table, home=middle))
     rank = _rank(chain, table, middle)
     if not rank:
@@ -109,7 +109,7 @@ def _near(table: ArmTable, middle: Vector, radius: float, k: int) -> Vector:
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (len(middle) + 1))
     share = float(k + 1)
-    for joint, centre in zip(table.joints, middle, strict=True):
+    for joint, centre in zip(table.free, middle, strict=True):
         down, up = (
             min(radius * (reach if joint.slides else 1.0), _WITHIN * room)
             for room in (centre - joint.lower, joint.upper - centre)
@@ -137,7 +137,7 @@ def _directions(chain: Chain, table: ArmTable, q: Vector) -> tuple[Array, Array]
     difference(chain, chain.tip, q, q)
     reach = max(table.reaches)
     J = np.array(chain.tip.columns)[: chain.n].T
-    J = J / [1.0 if joint.slides or not reach else reach for joint in table.joints]
+    J = J / [1.0 if joint.slides or not reach else reach for joint in table.free]
     directions, values, _ = np.linalg.svd(J)
     return np.append(values, np.zeros(3))[:3], directions.T
 
@@ -146,4 +146,4 @@ def _carried(chain: Chain, table: ArmTable, q: Vector) -> bool:
     """Whether the motors carry the weight, with a half of their torque."""
     load = [0.0] * chain.n
     gravity(chain, q, q, load)
-    return all(2.0 * abs(one) < joint.effort for one, joint in zip(load, table.joints, strict=True))
+    return all(2.0 * abs(one) < joint.effort for one, joint in zip(load, table.free, strict=True))

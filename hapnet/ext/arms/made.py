@@ -48,7 +48,7 @@ def arm_of(
     arm.hand_mass, arm.hand_stiffness, arm.hand_damping = hand.mass, hand.stiffness, hand.damping
     inertias = np.diagonal(at_home(table)[1]).tolist()
     swing = 2.0 * math.pi * STOP_HZ
-    for i, joint in enumerate(table.joints):
+    for i, joint in enumerate(table.free):
         lever = LEVER_M if joint.slides else 1.0
         arm.slip[i] = SLIP_RADPS * lever
         arm.damping[i], arm.friction[i] = joint.damping, joint.friction
@@ -58,7 +58,7 @@ def arm_of(
         if joint.speed < math.inf:
             torque = joint.effort if joint.effort < math.inf else joint.speed * inertias[i] * swing
             arm.brake[i] = torque / (BRAKES_AT * joint.speed)
-    arm.has_limits = int(any(joint.effort < math.inf for joint in table.joints))
+    arm.has_limits = int(any(joint.effort < math.inf for joint in table.free))
     arm.q[:n] = list(table.home)
     difference(arm.chain, arm.chain.tip, arm.q, arm.q)
     for r in range(3):

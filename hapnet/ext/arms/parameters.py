@@ -53,12 +53,13 @@ def table_of(hardware: str) -> ArmTable:
 
 
 def _with_rotors(table: ArmTable, armature: str) -> ArmTable:
-    values, n = checks.vector("armature", armature.split(",")), len(table.joints)
+    values, n = checks.vector("armature", armature.split(",")), len(table.free)
     if len(values) == 1:
         values *= n
     if len(values) != n:
         raise InvalidParameter(f"armature of {table.name}", armature, f"one number, or {n}, one for each joint")
-    joints = [replace(joint, armature=value) for joint, value in zip(table.joints, values, strict=True)]
+    own = iter(values)
+    joints = [replace(joint, armature=0.0 if joint.leader else next(own)) for joint in table.joints]
     return replace(table, joints=tuple(joints))
 
 
@@ -90,9 +91,9 @@ def arm_values(params: Params) -> Choice:
     table, device = table_of(params.hardware), params.device
     if by_joints(params.hardware):
         require_hinges(table)
-        dof = len(table.joints)
+        dof = len(table.free)
         own = {"mass": float(np.linalg.eigvalsh(at_home(table)[1])[0])}
-        own["own_damping"] = min(joint.damping for joint in table.joints)
+        own["own_damping"] = min(joint.damping for joint in table.free)
     else:
         dof, own = TIP_AXES, {"mass": min(apparent_masses(table)), "own_damping": felt_damping(table)}
         if own["mass"] == math.inf:

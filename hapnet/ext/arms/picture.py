@@ -30,11 +30,14 @@ _SLENDER, _THINNEST_M, _THICKEST_M = 0.07, 0.006, 0.03
 
 def described(table: ArmTable, by_joints: bool) -> dict[str, Any]:
     """The arm's frames for a recording's description: of each joint xyz, rpy and axis; tip, home; the
-    numbers of the joints that slide, if any do."""
+    numbers of the free joints that slide, if any do; of each mimic its number among all joints, that of its leader
+    among the free ones, multiplier, offset, and whether it slides."""
     frames = [[list(joint.xyz), list(joint.rpy), list(joint.axis)] for joint in table.joints]
-    slides = [i for i, joint in enumerate(table.joints) if joint.slides]
+    slides = [i for i, joint in enumerate(table.free) if joint.slides]
+    led = enumerate(zip(table.joints, table.coordinates, strict=True))
+    mimics = [[i, *found, joint.slides] for i, (joint, found) in led if joint.leader]
     found = {"joints": frames, "tip": list(table.tip), "home": list(table.home), "by_joints": by_joints}
-    return {**found, "slides": slides} if slides else found
+    return {**found, **({"slides": slides} if slides else {}), **({"mimics": mimics} if mimics else {})}
 
 
 class ArmPicture:
@@ -46,10 +49,15 @@ class ArmPicture:
     def __init__(self, described: Mapping[str, Any]) -> None:
         frames = [[_floats(vector) for vector in frame] for frame in described["joints"]]
         tip, home = _floats(described["tip"]), _floats(described["home"])
-        slides = set(map(int, described.get("slides", ())))
         joints = [Joint(str(i), xyz, rpy, axis) for i, (xyz, rpy, axis) in enumerate(frames)]
-        for i in slides:  # a slide has stops, which no picture shows
-            joints[i] = replace(joints[i], lower=home[i] - 1.0, upper=home[i] + 1.0, slides=True)
+        mimics = {int(i): led for i, *led in described.get("mimics", ())}
+        free = [i for i in range(len(joints)) if i not in mimics]
+        for k in map(int, described.get("slides", ())):  # a slide has stops, which no picture shows
+            joints[free[k]] = replace(joints[free[k]], lower=home[k] - 1.0, upper=home[k] + 1.0, slides=True)
+        for i, (k, share, offset, slides) in mimics.items():
+            joints[i] = replace(
+                joints[i], slides=bool(slides), leader=str(free[int(k)]), multiplier=float(share), offset=float(offset)
+            )
         self.by_joints = bool(described["by_joints"])
         self._table = ArmTable("arm", tuple(joints), tip, home)
         self._chain = chain_of(self._table)
@@ -68,7 +76,7 @@ class ArmPicture:
     def parts(self) -> tuple[Part, ...]:
         """The base at rest, and each link in its own frame."""
         chain = self._chain
-        ends = [link.offset for link in chain.links[2:]] + [chain.tip.arms[chain.n]]
+        ends = [link.offset for link in chain.links[2:]] + [chain.tip.arms[chain.bodies]]
         lengths = [float(np.linalg.norm(end)) for end in (chain.links[1].offset, *ends)]
         radius = min(max(_SLENDER * max(lengths), _THINNEST_M), _THICKEST_M)
         base = _capsule(chain.links[1].offset, 1.5 * radius, _BASE, RESTS)
@@ -88,16 +96,16 @@ class ArmPicture:
         ])  # fmt: skip
 
     def angles(self, position: Sequence[float], posture: Vector) -> Vector:
-        """The joints' angles q [rad], from `position` or the recorded posture; at home if neither has them."""
+        """The free joints' angles q [rad], from `position` or the recorded posture; at home if neither has them."""
         if self.by_joints:
             return tuple([home + angle for home, angle in zip(self._table.home, position, strict=True)])
         return posture if len(posture) == self._chain.n else self._table.home
 
     def poses(self, q: Sequence[float]) -> Array:
-        """The links' poses with the joints at q [rad]: place and quaternion w, x, y, z, (n, 7)."""
-        chain, n = self._chain, self._chain.n
-        place(chain, q, (0.0,) * n)
-        links = chain.links[1 : n + 1]
+        """The links' poses with the free joints at q [rad]: place and quaternion w, x, y, z, a row for each link."""
+        chain = self._chain
+        place(chain, q, (0.0,) * chain.n)
+        links = chain.links[1 : chain.bodies + 1]
         places = np.array([link.place for link in links]) - self._origin
         return np.hstack([places, quaternions(np.array([link.turned for link in links]))])
 

@@ -38,6 +38,8 @@ class Joint:
     damping [Nms/rad], friction : Coulomb's [Nm]. armature : what the motor's rotor adds to the inertia: its
     own times the square of the gear's ratio [kg m^2]. slides : whether the joint is prismatic, with m for rad, N for Nm
     and kg for kg m^2.
+    leader : the joint that it mimics, by name: it is at multiplier q + offset [rad], with q of the leader, whose motor
+    moves both. Empty: it moves freely.
     """
 
     name: str
@@ -55,6 +57,9 @@ class Joint:
     friction: float = 0.0
     armature: float = 0.0
     slides: bool = False
+    leader: str = ""
+    multiplier: float = 1.0
+    offset: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -66,7 +71,7 @@ class Joint:
 class ArmTable:
     """An arm: its joints from the base on, the tip in the last joint's frame [m], and a posture within its stops.
 
-    home : q there [rad], of a slide [m]; the tip is then at the origin of the device's positions.
+    home : q of the free joints there [rad], of a slide [m]; the tip is then at the origin of the device's positions.
     gamma : gravity [m/s^2].
     remarks : lines for the user on what its file has that is not used or looks wrong.
     """
@@ -79,18 +84,67 @@ class ArmTable:
     remarks: tuple[str, ...] = ()
 
     @property
+    def coordinates(self) -> list[tuple[int, float, float]]:
+        """Of each joint the number of the free joint that moves it, multiplier and offset.
+
+        Raises InvalidParameter: a joint mimics none of the free joints, or does not move with it.
+        """
+        names = [joint.name for joint in self.joints if not joint.leader]
+        found, own = [], 0
+        for joint in self.joints:
+            if not joint.leader:
+                found.append((own, 1.0, 0.0))
+                own += 1
+                continue
+            if joint.leader not in names:
+                why = f"its joint {joint.name} mimics {joint.leader}, which is no moving joint between base and tip"
+                raise InvalidParameter("the arm", self.name, "", why=why)
+            for what, value, holds in (
+                ("multiplier", joint.multiplier, math.isfinite(joint.multiplier) and joint.multiplier != 0.0),
+                ("offset", joint.offset, math.isfinite(joint.offset)),
+            ):
+                if not holds:
+                    allowed = "a finite one" if what == "offset" else "a finite one, not 0 (a fixed joint stands still)"
+                    raise InvalidParameter(f"the {what} of {self.name}'s mimic {joint.name}", value, allowed)
+            found.append((names.index(joint.leader), joint.multiplier, joint.offset))
+        return found
+
+    @property
+    def free(self) -> tuple[Joint, ...]:
+        """The joints that mimic none, whose q are the arm's coordinates; each with the stops and the speed that its
+        mimics have too, and with their damping and friction. Raises InvalidParameter: as `coordinates`."""
+        found = [joint for joint in self.joints if not joint.leader]
+        for joint, (k, share, offset) in zip(self.joints, self.coordinates, strict=True):
+            if joint.leader:
+                lead = found[k]
+                lower, upper = sorted([(joint.lower - offset) / share, (joint.upper - offset) / share])
+                found[k] = replace(
+                    lead,
+                    lower=max(lead.lower, lower),
+                    upper=min(lead.upper, upper),
+                    speed=min(lead.speed, joint.speed / abs(share)),
+                    damping=lead.damping + share * share * joint.damping,
+                    friction=lead.friction + abs(share) * joint.friction,
+                )
+        return tuple(found)
+
+    @property
     def reaches(self) -> list[float]:
-        """The greatest distance of each joint's axis from the tip [m]."""
-        lengths = [
-            float(np.linalg.norm(joint.xyz)) + (max(abs(joint.lower), abs(joint.upper)) if joint.slides else 0.0)
-            for joint in self.joints[1:]
-        ] + [float(np.linalg.norm(self.tip))]
+        """The greatest distance of each joint's axis from the tip [m]. Raises InvalidParameter: as `coordinates`."""
+        free, lengths = self.free, []
+        for joint, (k, share, offset) in zip(self.joints[1:], self.coordinates[1:], strict=True):
+            ends = (share * free[k].lower + offset, share * free[k].upper + offset)
+            lengths.append(float(np.linalg.norm(joint.xyz)) + (max(map(abs, ends)) if joint.slides else 0.0))
+        lengths.append(float(np.linalg.norm(self.tip)))
         return [added(lengths[i:]) for i in range(len(lengths))]
 
     @property
     def levers(self) -> list[float]:
-        """The greatest motion of the tip when a joint moves by 1 [m/rad]; by 1 m at a slide [m/m]."""
-        return [1.0 if joint.slides else reach for joint, reach in zip(self.joints, self.reaches, strict=True)]
+        """The greatest motion of the tip when a joint moves by its multiplier [m/rad]; by metres at a slide [m/m]."""
+        return [
+            abs(joint.multiplier) * (1.0 if joint.slides else reach)
+            for joint, reach in zip(self.joints, self.reaches, strict=True)
+        ]
 
 
 def rotation_of(rpy: Vector) -> Array:
@@ -115,11 +169,18 @@ def chain_of(table: ArmTable, tip_mass: float = 0.0) -> Chain:
     n = len(table.joints)
     if not 1 <= n <= JOINTS:
         raise InvalidParameter(f"the joints of {table.name}", n, f"1 to {JOINTS}")
-    if len(table.home) != n:
-        raise InvalidParameter(f"home of {table.name}", table.home, f"{n} angles, one for each joint")
-    for joint, angle in zip(table.joints, table.home, strict=True):
-        _check_joint(table.name, joint, angle)
+    for joint in table.joints:
+        _check_joint(table.name, joint)
+    free = table.free
+    if len(table.home) != len(free):
+        which = "each joint" if len(free) == n else f"each of {', '.join(joint.name for joint in free)}"
+        raise InvalidParameter(f"home of {table.name}", table.home, f"{len(free)} angles, one for {which}")
+    for joint, angle in zip(free, table.home, strict=True):
+        _check_range(table.name, joint, angle)
     chain = zero_chain(n)
+    chain.n = len(free)
+    for link, led in zip(chain.links[1:], table.coordinates, strict=False):
+        link.coordinate, link.multiplier, link.addend = led
     chain.tip_mass, chain.gamma[:] = tip_mass, table.gamma
     own = np.eye(3)  # the rotation of the chain's frame in the table's, for the previous link
     behind = 0.0
@@ -164,20 +225,30 @@ def _to_z(name: str, joint: Joint) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=1)
 
 
-def _check_joint(name: str, joint: Joint, home: float) -> None:
-    """Raise InvalidParameter if a limit or a loss would make energy, or if home is outside the stops."""
+def _check_range(name: str, joint: Joint, home: float) -> None:
+    """Raise InvalidParameter if a free joint and its mimics have no range in common, or if home is outside of it."""
+    of = f"of {name}'s joint {joint.name}"
+    stops = f"{joint.lower:g} to {joint.upper:g} {joint.unit}"
+    for what, value, allowed, holds in (
+        ("the range", stops, "one that its mimics' stops leave to it", joint.lower < joint.upper),
+        ("the range", stops, "finite for a slide", not joint.slides or math.isfinite(joint.upper - joint.lower)),
+        ("home", home, f"within its stops, {stops}", math.isfinite(home) and joint.lower <= home <= joint.upper),
+    ):
+        if not holds:
+            raise InvalidParameter(f"{what} {of}", value, allowed)
+
+
+def _check_joint(name: str, joint: Joint) -> None:
+    """Raise InvalidParameter if a limit or a loss would make energy."""
     of = f"of {name}'s joint {joint.name}"
     unit, force = joint.unit, "N" if joint.slides else "Nm"
-    stops = f"{joint.lower:g} to {joint.upper:g} {unit}"
     for what, value, allowed, holds in (
         ("the lower stop", joint.lower, f"below the upper one, {joint.upper:g} {unit}", joint.lower < joint.upper),
-        ("the range", stops, "finite for a slide", not joint.slides or math.isfinite(joint.upper - joint.lower)),
         ("the effort", joint.effort, f"above 0 {force}", joint.effort > 0.0),
         ("the speed", joint.speed, f"above 0 {unit}/s", joint.speed > 0.0),
         ("the damping", joint.damping, "a finite one, 0 or above", 0.0 <= joint.damping < math.inf),
         ("the friction", joint.friction, "a finite one, 0 or above", 0.0 <= joint.friction < math.inf),
         ("the armature", joint.armature, "a finite one, 0 or above", 0.0 <= joint.armature < math.inf),
-        ("home", home, f"within its stops, {stops}", math.isfinite(home) and joint.lower <= home <= joint.upper),
     ):
         if not holds:
             raise InvalidParameter(f"{what} {of}", value, allowed)
@@ -212,10 +283,10 @@ def apparent_masses(table: ArmTable) -> Vector:
 
 def felt_damping(table: ArmTable) -> float:
     """The joints' smallest damping at the tip at home in any direction [Ns/m]; infinite if the tip does not move."""
-    if not all(joint.damping > 0.0 for joint in table.joints):
+    b = np.array([joint.damping for joint in table.free])
+    if not (b > 0.0).all():
         return 0.0
     J, _ = at_home(table)
-    b = np.array([joint.damping for joint in table.joints])
     return float(1.0 / most) if (most := np.linalg.eigvalsh((J / b) @ J.T)[-1]) > 0.0 else math.inf
 
 
@@ -232,7 +303,7 @@ def at_home(table: ArmTable) -> tuple[Array, Array]:
         [joint.mass * np.dot(joint.centre, joint.centre) + np.trace(joint.inertia) for joint in table.joints]
     )
     if not least[0] > _ROUNDING * max(least[-1], bodies):
-        joint = table.joints[int(np.argmax(np.abs(directions[:, 0])))]
+        joint = table.free[int(np.argmax(np.abs(directions[:, 0])))]
         verb, unit = ("moves", "kg") if joint.slides else ("turns", "kg m^2")
         name = f"the inertia that {table.name}'s joint {joint.name} {verb} at home [{unit}]"
         raise InvalidParameter(name, 0.0, "above 0, from an <inertia> or from a mass off the joint's axis")

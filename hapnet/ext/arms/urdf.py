@@ -18,6 +18,7 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.arms.frame import SAME, JointFrame, angles_of, moved
 from hapnet.ext.arms.home import open_home
 from hapnet.ext.arms.table import ArmTable, Joint, rotation_of
 from hapnet.ext.arms.tags import DRAKE, not_used
@@ -43,20 +44,6 @@ _SHOWN = 4
 """The number of names in a remark."""
 
 
-class _Pose(NamedTuple):
-    """A frame in another frame: rotation (3, 3) and place (3,) [m]."""
-
-    turned: Array
-    place: Array
-
-    def then(self, inner: _Pose) -> _Pose:
-        """The frame `inner`, given in this frame, in the outer one."""
-        return _Pose(self.turned @ inner.turned, self.place + self.turned @ inner.place)
-
-
-_SAME = _Pose(np.eye(3), np.zeros(3))
-
-
 class _Body(NamedTuple):
     """A mass [kg], with first moment [kg m] and inertia [kg m^2] about the origin of its frame."""
 
@@ -78,10 +65,10 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
     robot = _Robot(text, name)
     chain = robot.chain(base, tip)
     joints: list[Joint] = []
-    pose, body = _SAME, _Body(0.0, np.zeros(3), np.zeros((3, 3)))
+    pose, body = SAME, _Body(0.0, np.zeros(3), np.zeros((3, 3)))
     on_chain = {id(joint) for joint in chain}
     moving: ElementTree.Element | None = None
-    placed = _SAME
+    placed = SAME
     for joint in chain:
         pose = pose.then(robot.origin(joint))
         if joint.get("type") == "fixed":
@@ -91,15 +78,10 @@ def table_from(text: str, name: str, tip: str = "", base: str = "", home: Vector
         if joint.get("type") not in _MOVES:
             allowed = "revolute, continuous, prismatic or fixed between base and tip"
             raise InvalidParameter(f"the type of {name}'s joint {joint.get('name')}", joint.get("type"), allowed)
-        if (mimic := joint.find("mimic")) is not None:
-            why = (
-                f"its joint {joint.get('name')}, between base and tip, mimics {mimic.get('joint')}: delete its <mimic>"
-            )
-            raise InvalidParameter("the arm", name, "", why=why)
         if moving is not None:
             joints.append(robot.joint(moving, placed, body))
         moving, placed = joint, pose
-        pose, body = _SAME, robot.carried(robot.child(joint), _SAME, on_chain)
+        pose, body = SAME, robot.carried(robot.child(joint), SAME, on_chain)
     if moving is None:
         raise InvalidParameter("the arm", name, "", why=f"no joint moves its tip, the link {tip}")
     joints.append(robot.joint(moving, placed, body))
@@ -228,14 +210,14 @@ class _Robot:
         first, second = self.before[self.child(joint)].get("name"), joint.get("name")
         return f"{first} and {second}" if first != second else f"both called {first}"
 
-    def origin(self, element: ElementTree.Element) -> _Pose:
+    def origin(self, element: ElementTree.Element) -> JointFrame:
         """An element's <origin>."""
         found = element.find("origin")
         if found is None:
-            return _SAME
-        return _Pose(rotation_of(self._vector(found, "rpy", _ZERO)), np.array(self._vector(found, "xyz", _ZERO)))
+            return SAME
+        return JointFrame(rotation_of(self._vector(found, "rpy", _ZERO)), np.array(self._vector(found, "xyz", _ZERO)))
 
-    def carried(self, link: str, pose: _Pose, on_chain: set[int]) -> _Body:
+    def carried(self, link: str, pose: JointFrame, on_chain: set[int]) -> _Body:
         """A link and all its branches, as one body in the frame in which the link is at `pose`."""
         body = self._body(self.links[link], pose)
         for joint in self.after[link]:
@@ -246,8 +228,8 @@ class _Robot:
                 body = _sum(body, self.carried(self.child(joint), at, on_chain))
         return body
 
-    def _resting(self, joint: ElementTree.Element) -> _Pose:
-        """The frame of a carried joint's link in the joint's frame: at 0, or at a mimic's offset from that."""
+    def _led(self, joint: ElementTree.Element) -> tuple[str, float, float]:
+        """The joint that a joint follows, which mimics none, with multiplier and offset; empty: it mimics none."""
         value, share, mimic = 0.0, 1.0, joint.find("mimic")
         passed = [joint]
         while mimic is not None:
@@ -255,28 +237,28 @@ class _Robot:
             share *= self._number(mimic, "multiplier", 1.0)
             leader = next((one for one in self.joints if one.get("name") == mimic.get("joint")), None)
             if leader is None or leader in passed:
-                what = "does not exist" if leader is None else "mimics it in turn"
-                why = f"its joint {passed[-1].get('name')} mimics the joint {mimic.get('joint')}, which {what}"
+                what = "which does not exist" if leader is None else "which mimics it in turn"
+                what = "itself" if leader is passed[-1] else f"the joint {mimic.get('joint')}, {what}"
+                why = f"its joint {passed[-1].get('name')} mimics {what}"
                 raise InvalidParameter("the arm", self.name, "", why=why)
             passed.append(leader)
             mimic = leader.find("mimic")
+        return str(passed[-1].get("name")) if len(passed) > 1 else "", share, value
+
+    def _resting(self, joint: ElementTree.Element) -> JointFrame:
+        """The frame of a carried joint's link in the joint's frame: at 0, or at a mimic's offset from that."""
+        _, _, value = self._led(joint)
         if value == 0.0:
-            return _SAME
+            return SAME
         if not math.isfinite(value):
             raise InvalidParameter(f"the offset of {self.name}'s mimic {joint.get('name')}", value, "a finite one")
-        axis = np.array(self._axis(joint))
-        axis = axis / (np.linalg.norm(axis) or 1.0)
-        if joint.get("type") == "prismatic":
-            return _Pose(np.eye(3), value * axis)
-        x, y, z = axis
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return _Pose(np.eye(3) + math.sin(value) * K + (1.0 - math.cos(value)) * K @ K, np.zeros(3))
+        return moved(self._axis(joint), value, slides=joint.get("type") == "prismatic")
 
     def _axis(self, joint: ElementTree.Element) -> Vector:
         axis = joint.find("axis")
         return (1.0, 0.0, 0.0) if axis is None else self._vector(axis, "xyz", (1.0, 0.0, 0.0))
 
-    def joint(self, joint: ElementTree.Element, placed: _Pose, body: _Body) -> Joint:
+    def joint(self, joint: ElementTree.Element, placed: JointFrame, body: _Body) -> Joint:
         """The joint that moves `body`, with its frame at `placed` in the previous joint's frame."""
         if body.mass <= 0.0:
             why = f"the link {self.child(joint)}, which joint {joint.get('name')} moves, has no mass: add an <inertial>"
@@ -285,23 +267,33 @@ class _Robot:
         inertia = body.inertia - body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         dynamics = joint.find("dynamics")
         lower, upper = self._stops(joint)
+        leader, multiplier, offset = self._led(joint)
+        effort = self._most(joint, "effort")
+        if leader and effort < math.inf:
+            self._say(
+                "the effort of a joint with <mimic> is not used, its leader's motor moves both, joints",
+                joint.get("name"),
+            )
         a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in (inertia + inertia.T) / 2.0)
         return Joint(
             str(joint.get("name")),
             tuple(placed.place.tolist()),
-            _angles(placed.turned),
+            angles_of(placed.turned),
             self._axis(joint),
             body.mass,
             tuple(centre.tolist()),
             (a, b, c),
             lower=lower,
             upper=upper,
-            effort=self._most(joint, "effort"),
+            effort=math.inf if leader else effort,
             speed=self._most(joint, "velocity"),
             damping=self._number(dynamics, "damping", 0.0),
             friction=self._number(dynamics, "friction", 0.0),
             armature=self._number(dynamics, "armature", 0.0) + self.rotors.get(str(joint.get("name")), 0.0),
             slides=joint.get("type") == "prismatic",
+            leader=leader,
+            multiplier=multiplier,
+            offset=offset,
         )
 
     def _most(self, joint: ElementTree.Element, key: str) -> float:
@@ -337,7 +329,7 @@ class _Robot:
             return max(ends[0], found[0]), min(ends[1], found[1])
         return found[0], found[1]
 
-    def _body(self, link: ElementTree.Element, pose: _Pose) -> _Body:
+    def _body(self, link: ElementTree.Element, pose: JointFrame) -> _Body:
         found = link.find("inertial")
         if found is None:
             return _Body(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -403,11 +395,3 @@ def _names(names: Iterable[str]) -> str:
 
 def _sum(one: _Body, other: _Body) -> _Body:
     return _Body(one.mass + other.mass, one.moment + other.moment, one.inertia + other.inertia)
-
-
-def _angles(R: Array) -> Vector:
-    """Roll, pitch and yaw of a rotation; if the pitch is a quarter turn, yaw is 0."""
-    across = math.hypot(R[0, 0], R[1, 0])
-    if across < 1e-9:
-        return math.copysign(1.0, -R[2, 0]) * math.atan2(R[0, 1], R[1, 1]), math.atan2(-R[2, 0], across), 0.0
-    return math.atan2(R[2, 1], R[2, 2]), math.atan2(-R[2, 0], across), math.atan2(R[1, 0], R[0, 0])

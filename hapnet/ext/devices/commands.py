@@ -134,7 +134,7 @@ def make_emulator(device: str, params: Params) -> Emulator:
     emulator_class = load("emulator", target, "a class that can be imported")
     options = registry.options(device, emulator_class, behind)
     if (table := emulator_class.arm(options)) is not None:
-        scene = make_scene("joints", dof=len(table.joints))
+        scene = make_scene("joints", dof=len(table.free))
         hand = operator(choosing(params, partial(scene_units, scene=scene)), scene)
         arm = SimulatedArm(table, hand, substeps=1, compensated=False, by_joints=True)
         if no_compiler() is None:

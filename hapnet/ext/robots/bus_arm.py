@@ -94,8 +94,8 @@ class BusArm(Driver):
         checks.non_negative("torque_constant", torque_constant)
         checks.non_negative("current", current)
         table, by_joints = arm_table(arm, tip), axes == "joints"
-        if by_joints and dof != len(table.joints):
-            raise InvalidParameter("dof", dof, f"{len(table.joints)}, the joints of {table.name}")
+        if by_joints and dof != len(table.free):
+            raise InvalidParameter("dof", dof, f"{len(table.free)}, the joints of {table.name}")
         self.dof = dof
         self.units: str = RADIANS if by_joints else METRES
         self._posture = Posture(table, None if by_joints else Axes(axes, dof))

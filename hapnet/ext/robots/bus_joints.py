@@ -53,14 +53,14 @@ def arm_table(arm: str, tip: str) -> ArmTable:
     if arm == "omni":
         return omni()
     table = table_from(_text("arm", arm, "omni, or a URDF file that can be read"), Path(arm).name, tip)
-    for joint in table.joints:
+    for joint in table.free:
         if joint.slides:
             raise InvalidParameter("arm", arm, f"an arm whose joints turn (its joint {joint.name} is prismatic)")
     return table
 
 
 def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[JointServo, ...]:
-    """The servos of an arm's joints, in its order; without a file servos 1, 2, ... with their zeros at half a turn.
+    """The servos of an arm's free joints, in its order; without a file servos 1, 2, ... with zeros at half a turn.
 
     in_servo : whether a servo itself reverses its counts, where LeRobot's ``drive_mode`` is set.
 
@@ -68,18 +68,16 @@ def joints_of(table: ArmTable, calibration: str, *, in_servo: bool) -> tuple[Joi
     """
     if not calibration:
         return tuple(
-            JointServo(joint.name, k, lower=joint.lower, upper=joint.upper) for k, joint in enumerate(table.joints, 1)
+            JointServo(joint.name, k, lower=joint.lower, upper=joint.upper) for k, joint in enumerate(table.free, 1)
         )
     text = _text("calibration", calibration, "a file of JSON that can be read")
     try:
         found = read_json(text)
-        return tuple(
-            _joint(joint.name, found[joint.name], joint.lower, joint.upper, in_servo) for joint in table.joints
-        )
+        return tuple(_joint(joint.name, found[joint.name], joint.lower, joint.upper, in_servo) for joint in table.free)
     except ValueError as error:
         raise InvalidParameter("calibration", calibration, f"a file of JSON ({error})") from None
     except (KeyError, TypeError, AttributeError) as error:
-        names = ", ".join(joint.name for joint in table.joints)
+        names = ", ".join(joint.name for joint in table.free)
         raise InvalidParameter(
             "calibration", calibration, f"one with the joints {names}, each with id and zero, or as LeRobot ({error})"
         ) from None

@@ -51,6 +51,15 @@ def cylindrical() -> ArmTable:
     return replace(omni(), name="cylindrical", joints=joints, home=(*omni().home[:2], 0.01, omni().home[2]))
 
 
+def led(table: ArmTable, *mimics: tuple[int, int, float, float]) -> ArmTable:
+    """The arm with mimics: number of a joint, of its leader, multiplier and offset."""
+    joints = list(table.joints)
+    for i, k, share, offset in mimics:
+        joints[i] = replace(joints[i], leader=joints[k].name, multiplier=share, offset=offset)
+    home = tuple(at for at, joint in zip(table.home, joints, strict=True) if not joint.leader)
+    return replace(table, name=f"{table.name}_{len(mimics)}_mimics", joints=tuple(joints), home=home)
+
+
 def in_mujoco(table: ArmTable) -> tuple[Any, Any]:
     """MuJoCo's model of the arm, with a site at its tip, and its data."""
     import mujoco

@@ -23,7 +23,7 @@ from hapnet.plant.operator import Impedance, Sine
 
 TRUE_LINES = (
     "the joints of .* is 1[1-9]; allowed: 1 to 10",
-    "mimics .*: delete its <mimic>",
+    "mimics .*, which is no moving joint between base and tip",
     "mimics the joint .*, which does not exist",
     "the lower stop of .* is 0.0; allowed: below the upper one, 0 rad",
     "has no mass: add an <inertial>",
@@ -57,7 +57,8 @@ def longest(root: ElementTree.Element) -> str:
 
 
 def mujocos(root: ElementTree.Element, table: ArmTable, q: Array, tip: str) -> tuple[Array, Array] | None:
-    """M and the Jacobian by MuJoCo at q, from the file without its shapes; None: MuJoCo refuses it."""
+    """M and the Jacobian by MuJoCo at q, from the file without its shapes, and with G of its mimics; None: MuJoCo
+    refuses it."""
     import mujoco
 
     for link in root.findall("link"):
@@ -76,14 +77,16 @@ def mujocos(root: ElementTree.Element, table: ArmTable, q: Array, tip: str) -> t
         return None
     data = mujoco.MjData(model)
     at = [model.joint(joint.name) for joint in table.joints]
-    for joint, angle in zip(at, q, strict=True):
-        data.qpos[joint.qposadr[0]] = angle
+    G = np.zeros((len(at), len(q)))
+    for i, (joint, (k, share, offset)) in enumerate(zip(at, table.coordinates, strict=True)):
+        data.qpos[joint.qposadr[0]] = share * q[k] + offset
+        G[i, k] = share
     mujoco.mj_forward(model, data)
     M, J = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_fullM(model, data, M)
     mujoco.mj_jacBody(model, data, J, None, model.body(tip).id)
     where = [joint.dofadr[0] for joint in at]
-    return M[np.ix_(where, where)], J[:, where]
+    return G.T @ M[np.ix_(where, where)] @ G, J[:, where] @ G
 
 
 def made(text: str, name: str, tip: str) -> tuple[str, ArmTable | None, SimulatedArm | None]:

@@ -92,6 +92,7 @@ def test_what_is_used_is_read() -> None:
         (second('<limit lower="-120" upper="120" effort="1" velocity="1"/>'), "degrees.* joints: j2 -120, j2 120"),
         (second('<limit lower="-1" upper="1" effort="0" velocity="1"/>'), "the effort of 0 is taken for no limit.* j2"),
         (second('<limit lower="-1" upper="1" effort="1" velocity="0"/>'), "the velocity of 0 is taken for no .* j2"),
+        (second(LIMIT + '<mimic joint="j1"/>'), "the effort of a joint with <mimic> is not used, its leader's .*: j2"),
         (
             robot(joint("j2", "l1 l2", "0 1 0", '<limit lower="-1" effort="1" velocity="1"/>', "continuous")),
             "a continuous joint has no stops.*: j2",
@@ -111,7 +112,35 @@ def test_a_line_says_what_is_left_out_or_looks_wrong(text: str, says: str) -> No
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (second(LIMIT + '<mimic joint="j1" multiplier="-1"/>'), "its joint j2, between base and tip, mimics j1"),
+        (second(LIMIT + '<mimic joint="j2"/>'), "its joint j2 mimics itself"),
+        (second(LIMIT + '<mimic joint="nose"/>'), "its joint j2 mimics the joint nose, which does not exist"),
+        (
+            second(LIMIT + '<mimic joint="jt"/>'),
+            "its joint j2 mimics jt, which is no moving joint",
+        ),
+        (
+            robot(
+                joint("j2", "l1 l2", "0 1 0", LIMIT + '<mimic joint="jx"/>'),
+                more=link("x") + joint("jx", "b x", "1 0 0"),
+            ),
+            "its joint j2 mimics jx, which is no moving joint between base and tip",
+        ),
+        (
+            second(LIMIT + '<mimic joint="j1" multiplier="0"/>'),
+            "the multiplier of a.urdf's mimic j2 is 0.0; allowed: a f",
+        ),
+        (
+            second(LIMIT + '<mimic joint="j1" multiplier="inf"/>'),
+            "the multiplier of a.urdf's mimic j2 is inf; allowed: ",
+        ),
+        (
+            second(LIMIT + '<mimic joint="j1" offset="-inf"/>'),
+            "the offset of a.urdf's mimic j2 is -inf; allowed: a fin",
+        ),
+        (
+            second(LIMIT + '<mimic joint="j1" multiplier="0.5" offset="9"/>'),
+            "the range of a.urdf's joint j1 is '-2 to -14 rad'; allowed: one that its mimics' stops leave to it",
+        ),
         (robot().replace('name="j3"', 'name="j2"'), "it has two joints named 'j2'"),
         (robot().replace('link name="l3"', 'link name="l2"'), "it has two links named 'l2'"),
         (robot().replace('link name="t"', "link"), "a link has no name"),
