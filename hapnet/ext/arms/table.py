@@ -98,6 +98,7 @@ class ArmTable:
                 continue
             if joint.leader not in names:
                 why = f"its joint {joint.name} mimics {joint.leader}, which is no moving joint between base and tip"
+                why += ": choose another tip, or delete its <mimic>"
                 raise InvalidParameter("the arm", self.name, "", why=why)
             for what, value, holds in (
                 ("multiplier", joint.multiplier, math.isfinite(joint.multiplier) and joint.multiplier != 0.0),
