@@ -13,11 +13,14 @@ from hapnet.checks import Array, Vector
 from hapnet.ext.solids.hole import Hole
 from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import HalfSpace
+from hapnet.ext.tools.body import RigidBody, Touched, settle
+from hapnet.ext.tools.body_step import step
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.ext.tools.mass import ToolMass
 from hapnet.ext.tools.tool import Tool
 from hapnet.mechanics import pose as poses
-from hapnet.mechanics.pose import ARM_M, AXES
+from hapnet.mechanics.pose import ARM_M, AXES, nearest
+from hapnet.records.record import zero
 from tests.conftest import mostly_slow
 
 K, B, M = 500.0, 14.0, 0.02
@@ -167,3 +170,43 @@ def test_a_tilted_peg_jams_at_the_two_point_angle(mu: float) -> None:
             mass.step(dt, set_position, mass.contacts)
     push, limit = held_N(tilt)
     assert push == pytest.approx(limit, rel=0.1)
+
+
+IN_ITS_HOLE = (
+    ((-0.0035355, 0.0035355, -0.015), (-0.70286, 0.71133, 0.0), 5.1141e-5, 6.0476e-9),
+    ((-0.005, 0.0, -0.015), (-0.99902, 0.044246, 0.0), 3.4997e-5, 7.9465e-9),
+    ((0.0048629, -0.0011118, 0.0040784), (0.96965, -0.24328, -0.024558), 1.1637e-5, 1.5753e-9),
+    ((0.00437, -0.0023766, 0.004084), (0.86791, -0.49606, -0.02576), 2.5568e-5, 1.0061e-9),
+    ((0.0035666, -0.0034708, 0.0040805), (0.70148, -0.71225, -0.025047), 2.3334e-5, 5.1084e-10),
+    ((0.0025075, -0.0043199, 0.0040681), (0.48337, -0.87513, -0.022477), 5.1254e-6, 2.3900e-10),
+)
+"""A peg that lies askew in its hole: place in its axes [m], normal, depth [m] and half the speed at the start [m/s]."""
+
+
+@pytest.mark.parametrize("step_ms", [33.0, 1.0, 0.008])
+def test_a_peg_that_hardly_moves_finds_its_step(step_ms: float) -> None:
+    """Its points creep by nanometres a second, some below half of their speed and some above: the law is steep there.
+    The step is found, friction is at most mu N, and the forces are the change of momentum."""
+    x = nearest((9.64966e-5, -7.69576e-5, -0.0249545005, -1.867715e-5, -8.39996e-4, -8.878228e-4, 8.51767e-4,
+                 -1.2506e-5, 5.24229e-4, 8.765364e-4, -5.4289e-4, -1.329e-5), ARM_M)  # fmt: skip
+    y = (-1.50207e-5, -6.91046e-5, -0.0249645, -2.0901e-5, -8.38638e-4, -9.84037e-4, 8.52968e-4, -1.32395e-5,
+         5.75697e-4, 9.71641e-4, -5.9638e-4, -1.625e-5)  # fmt: skip
+    body, planes, dt = RigidBody(M, (2.0 * M * ARM_M**2,) * 3, x), zero(Touched), 1e-3 * step_ms
+    body.stiffness = body.arms_stiffness = K
+    body.damping = body.arms_damping = B
+    body.velocity[:] = before = [1.4439e-9, -4.2255e-9, -3.7713e-9]
+    body.spin[:] = [-7.9154e-7, 2.2021e-8, -1.2083e-7]
+    settle(body)
+    planes.count = len(IN_ITS_HOLE)
+    for k, (place, normal, depth, slow) in enumerate(IN_ITS_HOLE):
+        planes.places[k][:], planes.normals[k][:], planes.depths[k], planes.least[k] = place, normal, depth, slow
+        planes.stiffnesses[k], planes.dampings[k], planes.frictions[k] = 3000.0, 10.0, 0.2
+        planes.creeps[k] = 1e-6 / (2.0 * M / dt + B + 0.5 * K * dt)
+    assert step(body, dt, (0.0,) * AXES, y, planes)
+    moved = np.array(body.x[:3]) - x[:3]
+    force = K * (np.array(y[:3]) - x[:3]) - (0.5 * dt * K + B) * moved / dt
+    for k in range(planes.count):
+        rub = np.array(planes.rubs[k])
+        assert np.linalg.norm(rub) <= 0.2 * -planes.pushes[k] * np.linalg.norm(planes.normals[k]) * (1.0 + 1e-12)
+        force += planes.pushes[k] * np.array(planes.normals[k]) + rub
+    np.testing.assert_allclose(M * (np.array(body.velocity) - before) / dt, force, rtol=0.0, atol=1e-8)
