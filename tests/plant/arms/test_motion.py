@@ -13,7 +13,7 @@ from hapnet.checks import Array, Vector
 from hapnet.ext.arms import motion
 from hapnet.ext.arms.made import LEVER_M, SLIP_RADPS, arm_of
 from hapnet.ext.arms.motion import Arm
-from hapnet.ext.arms.table import ArmTable, omni
+from hapnet.ext.arms.table import ArmTable, Joint, omni
 from hapnet.plant.operator import Impedance
 from tests.conftest import mostly_slow
 from tests.plant.arms.references import cylindrical, in_mujoco, random_arm
@@ -230,3 +230,13 @@ def test_a_motor_that_has_nothing_left_renders_nothing() -> None:
     arm.commanded[:3] = [1.0, 0.0, 0.0]
     motion.tick(arm, STILL, 0)
     assert list(arm.force[:3]) == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_hand_without_stiffness_is_its_mass(steps: int) -> None:
+    """A slide of 0.5 kg that 3 N push, in a hand of 0.2 kg, which holds back with 0.2/0.7 of them."""
+    joint = Joint("a", (0.0, 0.0, 0.0), axis=(1.0, 0.0, 0.0), mass=0.5, slides=True, lower=-1.0, upper=1.0)
+    arm = arm_of(ArmTable("slide", (joint,), (0.0, 0.0, 0.0), (0.0,)), Impedance(0.2, 0.0, 0.0), T, steps)
+    arm.commanded[0] = 3.0
+    motion.tick(arm, STILL, 0)
+    assert arm.hand_force[0] == pytest.approx(-3.0 * 0.2 / 0.7)

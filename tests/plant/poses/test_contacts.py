@@ -5,17 +5,18 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from hapnet.checks import Array, Vector
+from hapnet.checks import MOST_TOOL_PLANES, Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.hole import Hole
 from hapnet.ext.solids.rigid_contacts import Solid
 from hapnet.ext.solids.shapes import HalfSpace, Shape, Sphere
-from hapnet.ext.tools.contacts import ToolContacts
+from hapnet.ext.tools.contacts import ToolContacts, different
 from hapnet.ext.tools.mass import ToolMass
 from hapnet.ext.tools.scene import ToolPicture, ToolScene, builder
 from hapnet.ext.tools.tool import Tool, box, peg, place
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.contacts import doing
+from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.pose import ARM_M, AXES
 from tests.conftest import mostly_slow
 
@@ -264,3 +265,22 @@ def test_a_cut_step_reports_the_mean_force_that_does_its_work() -> None:
     """The nearest force with this work; a way of a rounding error tells nothing of it."""
     assert doing(0.3, (1.0, 2.0), (0.1, 0.0)) == pytest.approx((3.0, 2.0))
     assert doing(1e-17, (4.8, 0.0), (1e-16, 0.0)) == (4.8, 0.0)
+
+
+def test_planes_of_other_directions_come_first() -> None:
+    """Nine planes of one direction and one of another: the first, the other, then the rest as far as there is room."""
+    alike = [Plane((1.0, 0.0, *(0.0,) * 10), 1e-3 * k, 3e3, 0.0) for k in range(9)]
+    other = Plane((0.0, 1.0, *(0.0,) * 10), 0.1, 3e3, 0.0)
+    assert different([*alike, other]) == (alike[0], other, *alike[1 : MOST_TOOL_PLANES - 1])
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+def test_depths_cost_the_energy_that_is_there(share: float) -> None:
+    """Four points 1 mm deep in a spring of 3 kN/m cost 4 K d^2/2; with less the depths are as deep as that pays for."""
+    corners = tuple((x, y, -0.002) for x in (-0.02, 0.02) for y in (-0.02, 0.02))
+    tool = Tool("plate", corners, (0.04, 0.04, 0.004))
+    mass = mass_among(tool, Solid(HalfSpace((0.0, 0.0, -1.0), 0.002), 3000.0, 10.0, 0.0))
+    mass.body.x[2] = -1e-3
+    mass.contacts.energy_J = share * 4.0 * 0.5 * 3000.0 * 1e-6
+    mass.step(1e-3, mass.position, mass.contacts)
+    assert mass.contacts.scale == pytest.approx(share**0.5, rel=1e-9)

@@ -210,3 +210,21 @@ def test_a_peg_that_hardly_moves_finds_its_step(step_ms: float) -> None:
         assert np.linalg.norm(rub) <= 0.2 * -planes.pushes[k] * np.linalg.norm(planes.normals[k]) * (1.0 + 1e-12)
         force += planes.pushes[k] * np.array(planes.normals[k]) + rub
     np.testing.assert_allclose(M * (np.array(body.velocity) - before) / dt, force, rtol=0.0, atol=1e-8)
+
+
+def test_a_point_is_rubbed_along_any_gradient() -> None:
+    """A gradient of length 1.5: the push on the point is 1.5 times the plane's number, and friction mu times that."""
+    body, planes = RigidBody(M, (2.0 * M * ARM_M**2,) * 3, nearest((0.0,) * AXES, ARM_M)), zero(Touched)
+    body.velocity[0] = 0.5
+    settle(body)
+    planes.count = 1
+    planes.normals[0][:], planes.depths[0], planes.stiffnesses[0], planes.frictions[0] = (
+        (0.0, 0.0, -1.5),
+        2e-3,
+        3e3,
+        0.3,
+    )
+    planes.creeps[0] = 1e-8
+    assert step(body, 1e-3, (0.0,) * AXES, (0.0,) * AXES, planes)
+    assert planes.pushes[0] < -1.0
+    assert planes.rubs[0][:] == pytest.approx([0.3 * 1.5 * planes.pushes[0], 0.0, 0.0], rel=1e-9)

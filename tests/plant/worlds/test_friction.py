@@ -53,3 +53,21 @@ def test_a_groove_holds_by_the_friction_of_both_its_sides(
         mass.step(dt, y, contacts)
     held, most = K * (y[0] - mass.x[0]), mu * K * (mass.x[2] - y[2]) / cos(a)
     assert held_share * most <= held <= 1.001 * most
+
+
+def test_a_point_that_was_put_elsewhere_begins_at_rest() -> None:
+    """What it slid before does not count there: the step is that of solids which never saw it slide."""
+    floor = [Solid(HalfSpace((0.0, 0.0, -1.0), 0.0), 3000.0, 10.0, 0.5)]
+    steps = []
+    for slides in (True, False):
+        contacts = RigidContacts(floor, 3)
+        if slides:
+            moving = PassiveIntegrator(0.02, 14.0, 500.0, (0.0, 0.0, 1e-4))
+            for k in range(20):
+                moving.step(0.01, (1e-3 * k, 0.0, -3e-3), contacts)
+            assert moving.velocity[0] > 0.05
+        contacts.energy_J = 0.0
+        mass = PassiveIntegrator(0.02, 14.0, 500.0, (0.3, 0.0, 1e-4))
+        steps.append(mass.step(0.01, (0.3 + 2e-3, 0.0, -3e-3), contacts).force)
+    assert abs(steps[1][0]) > 0.1
+    np.testing.assert_allclose(steps[0], steps[1], rtol=1e-12)

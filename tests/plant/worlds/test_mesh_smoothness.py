@@ -163,3 +163,37 @@ def test_one_line_says_what_is_felt_as_curved(tmp_path: Path) -> None:
     assert int(line[1]) == pytest.approx(100.0 * share, abs=0.6)
     assert 0.5 < float(line[2]) / (1e3 * RADIUS * (1.0 - np.cos(half))) <= 1.0  # of the sagitta at the base
     assert builder(f"mesh:{box}?unit=mm")(dof=3).warnings == ()
+
+
+def ridge(turns: tuple[float, ...], wide_m: float) -> MeshSurface:
+    """A bar whose top has faces of one width that fall off by these angles more and more [rad]."""
+    slope, outline = 0.0, [(0.0, 0.0)]
+    for turn in (0.0, *turns):
+        slope -= turn
+        x, z = outline[-1]
+        outline.append((x + wide_m * np.cos(slope), z + wide_m * np.sin(slope)))
+    (far, low), count = outline[-1], len(outline)
+    outline = [(0.0, low - 0.05), (far, low - 0.05), *outline[::-1]]
+    fan = [(0, k, k + 1) for k in range(1, count + 1)]
+    vertices, triangles = extruded(outline, fan, 0.01)
+    return MeshSurface.of(vertices, np.asarray(triangles), 40.0)
+
+
+def flat_with(surface: MeshSurface, turn: float) -> bool:
+    """Whether the triangles whose normal is z turned by this angle about y are flat."""
+    at = np.abs(surface.facets @ np.array([np.sin(turn), np.cos(turn), 0.0]) - 1.0) < 1e-9
+    assert at.any()
+    return bool(surface.flat[at].all())
+
+
+def test_unlike_angles_make_no_curve() -> None:
+    """Faces of 40 mm that meet at 2.9 and 30 degrees in turn are no sample of a curve; at 9 and 20 they are."""
+    for angles, flat in (((0.05, 0.52, 0.05, 0.52), True), ((0.16, 0.35, 0.16, 0.35), False)):
+        assert flat_with(ridge(angles, 0.04), angles[0]) is flat
+        assert flat_with(ridge(angles, 0.04), angles[0] + angles[1]) is flat
+
+
+@pytest.mark.parametrize(("sagitta_m", "flat"), [(4e-5, False), (6e-5, True)])
+def test_an_edge_is_smooth_if_that_moves_the_surface_by_less_than_50_um(sagitta_m: float, flat: bool) -> None:
+    """Two faces of 10 mm: an arc that meets both in their middles is a h/8 in front of their edge."""
+    assert flat_with(ridge((8.0 * sagitta_m / 0.01,), 0.01), 0.0) is flat
