@@ -4,6 +4,7 @@ All forces are own sums of set-position, pose and stiffness; the solids' reports
 """
 
 from collections.abc import Callable
+from itertools import product
 from math import cos, pi, sin
 
 import numpy as np
@@ -63,9 +64,16 @@ def rest(mass: ToolMass, dt: float, y: Callable[[float], Vector], seconds: float
         mass.step(dt, y(k * dt), mass.contacts)
 
 
-@pytest.mark.parametrize("mu", [0.1, 0.3, 1.0])
-@pytest.mark.parametrize("step_ms", [1.0, 10.0, 30.0])
-@pytest.mark.parametrize("count", [3, 8, 24])
+BY_DEFAULT = [(3, 1.0, 1.0), (8, 10.0, 0.3), (24, 30.0, 0.1)]
+"""Each number of points, step and friction once; the slow tests take all combinations."""
+
+SLIDING = [
+    *BY_DEFAULT,
+    *(case for case in product((3, 8, 24), (1.0, 10.0, 30.0), (0.1, 0.3, 1.0)) if case not in BY_DEFAULT),
+]
+
+
+@pytest.mark.parametrize(("count", "step_ms", "mu"), mostly_slow(SLIDING, 3))
 def test_a_sliding_tool_is_held_back_by_mu_times_its_load(count: int, step_ms: float, mu: float) -> None:
     mass, dt, speed = on_a_plane(ring(count), mu), 1e-3 * step_ms, 0.05
     rest(mass, dt, lambda t: (0.0, 0.0, -DEPTH * min(1.0, 5.0 * t), *(0.0,) * 9), 0.4)
