@@ -15,7 +15,7 @@ y or add dissipation, so Theorem 1 holds with both.
 | behind a plane | predicted motion v t shrinks to v t/(1 + t/tau), tau = `contact_model.stop_s` | a wall stops a hand |
 | planes sent | within `contact_model.reach_m` + `device.greatest_speed` times (round trip + step) | (below) |
 | planes kept | until an answer that covers their place no longer contains them | a wall mostly stands still |
-| a tool in contact | y is near the tool, and the hand's motion is not predicted | tool_in_contact.py |
+| a tool in contact | y is near the tool, and the hand's motion is not predicted | set_position_steps.py |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir, over 3 s | (below) |
 
 A world that cannot send planes is felt through its delayed proxy, with 100 N/m at most: a stiffer spring rings.
@@ -39,7 +39,7 @@ from hapnet.control.contact_model import ContactModel
 from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.prediction import MotionPredictor
 from hapnet.control.self_motion import SelfMotion
-from hapnet.control.tool_in_contact import ToolInContact
+from hapnet.control.set_position_steps import ToolInContact
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
 from hapnet.couplings.stiffness import PAPERS

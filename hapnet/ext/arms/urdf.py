@@ -18,9 +18,8 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.frame import SAME, JointFrame, angles_of, moved
 from hapnet.ext.arms.home import open_home
-from hapnet.ext.arms.table import ArmTable, Joint, rotation_of
+from hapnet.ext.arms.table import SAME, ArmTable, Joint, JointFrame, angles_of, moved, rotation_of
 from hapnet.ext.arms.tags import DRAKE, not_used
 
 _MOVES = {"revolute", "continuous", "prismatic"}

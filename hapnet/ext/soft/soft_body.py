@@ -114,7 +114,7 @@ class Body:
         equations().turn(self.x, self.tets, self.grads, self.turns)
         found = np.zeros_like(self.strains)
         equations().strain(self.x, self.tets, self.grads, self.turns, found)
-        equations().logarithm(found)
+        equations().general_strain(found)
         return found
 
     def push(self, dt: float, mean: Array) -> Array:

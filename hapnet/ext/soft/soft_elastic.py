@@ -195,7 +195,7 @@ def spread(
                 out[node, 2] += (t02 + c1) * h0 + (t12 - c0) * h1 + t22 * h2
 
 
-def logarithm(strains: Any) -> None:
+def general_strain(strains: Any) -> None:
     """X, as ``U - I`` in strains (E, 6), becomes ``X - SQUARE X^2 + CUBE X^3``."""
     for e in range(len(strains)):
         s = strains[e]
@@ -212,7 +212,7 @@ def logarithm(strains: Any) -> None:
 
 
 def slopes(stretch: Any, out: Any) -> None:
-    """The derivative of `logarithm` at X = A - I, a symmetric map of (xx, yy, zz, xy, yz, zx), into out (E, 6, 6).
+    """The derivative of `general_strain` at X = A - I, a symmetric map of (xx, yy, zz, xy, yz, zx), into out (E, 6, 6).
 
     It is ``P dX + dX P + CUBE X dX X``, with ``P = I/2 - SQUARE X + CUBE X^2``.
     """
@@ -266,7 +266,7 @@ class Equations(NamedTuple):
     turned: Callable[..., None]
     rates: Callable[..., None]
     spread: Callable[..., None]
-    logarithm: Callable[..., None]
+    general_strain: Callable[..., None]
     slopes: Callable[..., None]
     rotate: Callable[..., None]
 
@@ -274,4 +274,4 @@ class Equations(NamedTuple):
 @cache
 def equations() -> Equations:
     """Return all compiled loops; this loads the compiler."""
-    return Equations(*map(compiled, (turn, strain, energy, turned, rates, spread, logarithm, slopes, rotate)))
+    return Equations(*map(compiled, (turn, strain, energy, turned, rates, spread, general_strain, slopes, rotate)))

@@ -4,7 +4,7 @@ import pytest
 
 from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.prediction import MotionPredictor
-from hapnet.control.tool_in_contact import FADE_S, ToolInContact
+from hapnet.control.set_position_steps import FADE_S, ToolInContact
 
 LAG_S, AGE_S, SPEED = 0.02, 0.05, 0.3
 
