@@ -114,6 +114,29 @@ def _rotated(x: Vector, by: np.ndarray) -> np.ndarray:
     return np.array(poses.coordinates(x[:3], (q[3], *q[:3])))
 
 
+@pytest.mark.parametrize(
+    ("declared", "point"),
+    [(0.1, (0.1,) * 3), (np.float64(0.1), (0.1,) * 3), ((0.1,), (0.1,) * 3), ((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))],
+)
+def test_a_workspace_may_be_a_number_or_three(declared: object, point: Vector, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The ends of the arms, 40 mm long, are at most 80 mm from home."""
+    monkeypatch.setattr(Stylus, "workspace", declared)
+    device = UserDevice("tests.assembly.test_posed:Stylus", AXES, DeviceParams(), "pose")
+    reach = device.device.workspace
+    assert reach[:3] == point
+    assert len(reach) == AXES
+    assert min(reach[3:]) >= 2.0 * ARM_M
+
+
+def test_a_workspace_that_is_known_later_is_the_present_one() -> None:
+    stylus = Stylus(3)
+    device = Posed(stylus, "stylus")
+    stylus.workspace = (0.05, 0.05, 0.05)
+    assert device.workspace[:3] == (0.05, 0.05, 0.05)
+    stylus.workspace = None  # type: ignore[assignment]
+    assert device.workspace is None
+
+
 def test_a_device_that_does_not_turn_is_refused() -> None:
     with pytest.raises(InvalidParameter, match="a device that turns"):
         UserDevice("tests.assembly.test_posed:Straight", AXES, DeviceParams(), "pose")

@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
@@ -48,11 +50,16 @@ class Posed:
         self.gives_torque: bool = callable(getattr(device, "apply_wrench", None))
         self._x: Vector = ()
         self._at_s = 0.0
-        if (workspace := getattr(device, "workspace", None)) is not None:
-            self.workspace = (*workspace, *(_FARTHEST * arm_m,) * (AXES - 3))
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._device, name)
+        found = getattr(self._device, name)
+        return self._reach(found) if name == "workspace" and found is not None else found
+
+    def _reach(self, workspace: ArrayLike) -> Vector:
+        """The device's present workspace [m], on each coordinate; a reach in all directions is one on each axis."""
+        given = checks.vector("workspace", workspace)
+        point = given * 3 if len(given) == 1 else given
+        return (*point, *(_FARTHEST * self._arm_m,) * (AXES - 3))
 
     def read(self) -> tuple[Vector, Vector]:
         """The pose's coordinates [m] and their velocity [m/s], for the arms by a difference quotient."""
