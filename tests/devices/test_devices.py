@@ -214,6 +214,15 @@ def test_every_device_has_its_lines(capsys: Capture) -> None:
     assert rows["inverse3"]["udev"] == ""
 
 
+def test_the_rules_name_the_usb_ids_of_force_dimension_and_of_the_falcon(capsys: Capture) -> None:
+    """1451 is the maker's; a Falcon has a chip of FTDI (0403) with Novint's product number cb48. A rule is a line."""
+    assert cli.main(["devices"]) == 0
+    rules = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  SUBSYSTEM")]
+    assert any('ATTR{idVendor}=="1451"' in rule for rule in rules)
+    assert any('ATTR{idVendor}=="0403", ATTR{idProduct}=="cb48"' in rule for rule in rules)
+    assert all(rule.endswith('TAG+="uaccess"') for rule in rules)
+
+
 class Leaving:
     @classmethod
     def missing(cls) -> str:

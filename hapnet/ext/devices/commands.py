@@ -35,7 +35,7 @@ def devices(json_to: flags.Json = None) -> int:
             state = f"{'needs' if row['about'] else 'its driver cannot be loaded:'} {row['missing']}"
         whose = "" if row["from"] == "hapnet" else f"; from the package {row['from']}"
         console.print(f"{'':<10} {row['tested']}{whose}; {state}", style="dim", markup=False)
-    if rules := dict.fromkeys(rule for row in rows if (rule := row["udev"])):
+    if rules := dict.fromkeys(rule for row in rows for rule in row["udev"].splitlines()):
         console.print(
             "to open some of them without being root, put these rules into /etc/udev/rules.d/70-hapnet.rules:",
             markup=False,

@@ -100,7 +100,10 @@ class ForceDimension(Driver):
     """
 
     about = "Force Dimension omega, delta, sigma, lambda; Novint Falcon (libdhd)"
-    udev = 'SUBSYSTEM=="usb", ATTR{idVendor}=="1451", TAG+="uaccess"'
+    udev = (
+        'SUBSYSTEM=="usb", ATTR{idVendor}=="1451", TAG+="uaccess"\n'
+        'SUBSYSTEM=="usb", ATTR{idVendor}=="0403", ATTR{idProduct}=="cb48", TAG+="uaccess"'  # Novint Falcon
+    )
     tested = "experimental: tested with a stand-in of the library"
     rate_hz: float = 1000.0
     resolution: float = 1e-5
