@@ -73,6 +73,18 @@ def test_dynamixel_under_the_makers_sdk(monkeypatch: pytest.MonkeyPatch) -> None
         assert handler.read1ByteTxRx(port, 1, 70) == (1 << 5, 0, 0x80)
         assert handler.reboot(port, 1) == (0, 0)
         assert handler.read1ByteTxRx(port, 1, 70) == (0, 0, 0)
+        found, result = handler.broadcastPing(port)
+        assert (found, result) == ({servo: [1200, 46] for servo in (1, 2, 3)}, sdk.COMM_SUCCESS)
+        bulk = sdk.GroupBulkRead(port, handler)
+        assert bulk.addParam(1, 0, 2)
+        assert bulk.addParam(3, 7, 1)
+        assert bulk.txRxPacket() == sdk.COMM_SUCCESS
+        assert (bulk.getData(1, 0, 2), bulk.getData(3, 7, 1)) == (1200, 3)
+        assert handler.write1ByteTxRx(port, 2, 68, 2) == (0, 0)
+        assert handler.write1ByteTxOnly(port, 2, 68, 1) == 0  # from now on writing is not answered
+        until(lambda: emulator.servos[2].table[68] == 1)
+        assert handler.write1ByteTxRx(port, 2, 65, 1)[0] == sdk.COMM_RX_TIMEOUT
+        assert handler.read1ByteTxRx(port, 2, 65) == (1, 0, 0)
         port.closePort()
 
 
@@ -200,9 +212,31 @@ def test_a_servo_that_is_silent_and_one_that_is_overloaded() -> None:
             arm.read()
             if "overload" in arm.braked():
                 break
-        assert arm.braked() == "servo 3 (elbow) reports overload: switch its power off and on"
+        assert arm.braked() == "servo 3 (elbow) reports overload: the next run restarts it"
         assert arm.apply((0.5, 0.0, 0.0)) == (0.0, 0.0, 0.0)
         until(lambda: not any(servo.table[64] for servo in servos.values()))
+
+
+def test_a_servo_that_answers_reading_only_is_told_to_answer_all() -> None:
+    with bus() as emulator:
+        emulator.servos[2].table[68] = 1
+        with opened(Dynamixel, emulator) as arm:
+            assert len(arm.read()[0]) == 3
+            assert emulator.servos[2].table[68] == 2
+
+
+def test_a_servo_that_shut_down_is_restarted(monkeypatch: pytest.MonkeyPatch) -> None:
+    with bus() as emulator:
+        emulator.fail(emulator.servos[3])
+        with opened(Dynamixel, emulator) as arm:
+            arm.read()
+            arm.begin()
+            until(lambda: all(servo.table[64] for servo in emulator.servos.values()))
+            assert emulator.servos[3].table[70] == 0
+        monkeypatch.setattr(emulator, "make", lambda servo, delay: None)  # what shut it down is still there
+        emulator.fail(emulator.servos[3])
+        with pytest.raises(HapnetError, match=r"^servo 3 \(elbow\) reports overload, and restarting it does not help$"):
+            Dynamixel(3, emulator.address)
 
 
 def test_limits_of_joints_current_and_temperature() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from hapnet.ext.robots.bus_packets import PING, READ, WRITE, BusPacket, Dynamixel2, FeetechPackets, Packets, Reply
+from hapnet.ext.robots.dynamixel import MODELS
 
 MANUAL = (  # examples of the e-manual, docs/en/dxl/protocol2
     (Dynamixel2().packet(1, PING), "FF FF FD 00 01 03 00 01 19 4E"),
@@ -89,3 +90,27 @@ def test_a_damaged_length_does_not_swallow_what_follows() -> None:
     broken = bytearray(good)
     broken[6] = 0x80
     assert frames.feed(bytes(broken) + good) == [BusPacket(1, PING, b"")]
+
+
+PRINTED = {
+    "XH430-V350": (1040, 4.714, 1.34), "XH430-V210": (1050, 3.714, 1.34), "XM540-W270": (1120, 2.409, 2.69),
+    "XM540-W150": (1130, 1.659, 2.69), "XH540-V270": (1140, 3.833, 2.69), "XH540-V150": (1150, 2.667, 2.69),
+    "XW540-T260": (1170, 1.939, 2.69), "XW540-T140": (1180, 1.408, 2.69),
+}  # fmt: skip
+"""Model number, torque per current [Nm/A] and unit of the current [mA], as the pages of the e-manual print them."""
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_models_are_those_of_the_manual(name: str) -> None:
+    number, torque, unit = PRINTED[name]
+    assert MODELS[number].name == name
+    assert MODELS[number].torque == pytest.approx(torque, abs=5e-4)
+    assert MODELS[number].unit_A == pytest.approx(1e-3 * unit)
+
+
+def test_models_without_current_control_give_no_torque() -> None:
+    """Of the X series these are the XL430 and XC430, and the two servos in one case."""
+    assert {model.name for model in MODELS.values() if not model.torque} == {
+        "XL430-W250", "XC430-W150", "XC430-W240", "2XL430-W250", "2XC430-W250",
+    }  # fmt: skip
+    assert len({model.name for model in MODELS.values()}) == len(MODELS)

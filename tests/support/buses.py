@@ -22,7 +22,7 @@ def bus(
 ) -> Iterator[Any]:
     """An emulated bus that serves until the block ends; its arm moves in steps of `period` [s]."""
     table = kind.arm(options)
-    hand = hand or Rest(len(table.joints), HAND)
+    hand = hand or Rest(len(table.free), HAND)
     arm = SimulatedArm(table, hand, period=period, substeps=1, compensated=False, by_joints=True)
     emulator = kind(ArmHandle(arm), time.monotonic_ns, **options)
     stop = threading.Event()

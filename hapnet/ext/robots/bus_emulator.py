@@ -16,6 +16,7 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from struct import Struct
 from typing import Any, ClassVar
 
 from hapnet.checks import one_of
@@ -28,6 +29,9 @@ from hapnet.ext.robots.bus_joints import COUNT_RAD, JointServo, arm_table, joint
 from hapnet.ext.robots.servo_bus import transfer_s
 
 _IDLE_S = 0.005
+_OF_BULK = Struct("<BHH")
+"""A servo, an address and a number of bytes, in a bulk read of Protocol 2.0."""
+
 _ROOM = 256
 _LIMIT_C, _WARM_C = 70, 35
 
@@ -143,6 +147,10 @@ class BusEmulator(Emulator):
         """The error in each status of a servo."""
         return 0
 
+    def answers(self, servo: EmulatedServo, code: int) -> bool:
+        """Whether the servo answers an instruction of this code."""
+        return not servo.broken
+
     def run(self, stop: threading.Event) -> None:
         device = self._terminal.device
         while not stop.is_set():
@@ -195,6 +203,15 @@ class BusEmulator(Emulator):
                 if servo is None or servo.broken:
                     break
                 self._answer(servo, end_ns, address, count)
+        elif packet.code == wire.BULK_READ:
+            for number, address, count in _OF_BULK.iter_unpack(packet.data):
+                servo = self.servos.get(number)
+                if servo is None or servo.broken:
+                    break
+                self._answer(servo, end_ns, address, count)
+        elif packet.code == wire.PING and packet.servo == wire.ALL:
+            for number in sorted(self.servos):
+                self._ping(self.servos[number], end_ns)
         elif packet.code == wire.SYNC_WRITE:
             address, count = place.unpack_from(packet.data)
             each = packet.data[place.size :]
@@ -207,13 +224,13 @@ class BusEmulator(Emulator):
             elif packet.code == wire.WRITE:
                 address = int.from_bytes(packet.data[:half], "little")
                 self._at(end_ns, lambda at_ns: self._write(one, address, packet.data[half:], at_ns))
-            elif packet.code in (wire.PING, wire.REBOOT):
+            elif packet.code == wire.PING:
+                self._ping(one, end_ns)
+            else:
                 if packet.code == wire.REBOOT:
                     self.make(one, one.table[x_series.RETURN_DELAY])
-                answer = self.about(one) if packet.code == wire.PING else b""
-                self._at(end_ns, lambda at_ns: self._confirm(one, 0, at_ns, answer))
-            else:
-                self._at(end_ns, lambda at_ns: self._confirm(one, INSTRUCTION, at_ns))
+                error = 0 if packet.code == wire.REBOOT else INSTRUCTION
+                self._at(end_ns, lambda at_ns: self._confirm(one, packet.code, error, at_ns))
         for servo in self.servos.values():
             servo.heard_ns = end_ns
 
@@ -221,8 +238,13 @@ class BusEmulator(Emulator):
         """The answer to a ping."""
         return b""
 
+    def _ping(self, servo: EmulatedServo, end_ns: int) -> None:
+        self._at(end_ns, lambda at_ns: self._confirm(servo, wire.PING, 0, at_ns, self.about(servo)))
+
     def _answer(self, servo: EmulatedServo, after_ns: int, address: int, count: int) -> None:
         """Schedule a status with a part of the table, sampled when the status begins."""
+        if not self.answers(servo, wire.READ):
+            return
         begin_ns, end_ns = self._carry(self._frames.status_bytes + count, after_ns + self.delay_ns(servo))
 
         def sample(at_ns: int) -> None:
@@ -234,7 +256,10 @@ class BusEmulator(Emulator):
 
         self._at(begin_ns, sample)
 
-    def _confirm(self, servo: EmulatedServo, error: int, at_ns: int, data: bytes = b"") -> None:
+    def _confirm(self, servo: EmulatedServo, code: int, error: int, at_ns: int, data: bytes = b"") -> None:
+        """Answer an instruction of this code, if the servo does."""
+        if not self.answers(servo, code):
+            return
         reply = wire.Reply(self.error(servo) | error, data)
         _, end_ns = self._carry(self._frames.status_bytes + len(data), at_ns + self.delay_ns(servo))
         self._at(end_ns, lambda _: self._send(servo, reply))
@@ -253,7 +278,7 @@ class BusEmulator(Emulator):
         self._hold(at_ns)
 
     def _write(self, servo: EmulatedServo, address: int, data: bytes, at_ns: int) -> None:
-        self._confirm(servo, self.accept(servo, address, data), at_ns)
+        self._confirm(servo, wire.WRITE, self.accept(servo, address, data), at_ns)
         self._hold(at_ns)
 
     def _hold(self, at_ns: int) -> None:
@@ -288,6 +313,10 @@ class DynamixelEmulator(BusEmulator):
 
     def error(self, servo: EmulatedServo) -> int:
         return ALERT if servo.table[x_series.HARDWARE_ERROR] else 0
+
+    def answers(self, servo: EmulatedServo, code: int) -> bool:
+        least = {wire.PING: 0, wire.READ: 1}.get(code, 2)
+        return not servo.broken and servo.table[x_series.STATUS_RETURN_LEVEL] >= least
 
     def delay_ns(self, servo: EmulatedServo) -> int:
         return servo.table[x_series.RETURN_DELAY] * 2000

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from struct import Struct
 from typing import ClassVar, NamedTuple
 
-PING, READ, WRITE, REBOOT, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x55, 0x82, 0x83
+PING, READ, WRITE, REBOOT, STATUS, SYNC_READ, SYNC_WRITE, BULK_READ = 0x01, 0x02, 0x03, 0x08, 0x55, 0x82, 0x83, 0x92
 ALL = 0xFE
 """The address of all servos on the bus."""
 

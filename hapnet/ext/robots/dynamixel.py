@@ -17,6 +17,8 @@ from hapnet.ext.robots.bus_motors import UNKNOWN, Present
 from hapnet.ext.robots.bus_packets import Dynamixel2, Reply
 
 MODEL, RETURN_DELAY, OPERATING_MODE, HOMING_OFFSET, TEMPERATURE_LIMIT, CURRENT_LIMIT = 0, 9, 11, 20, 31, 38
+STATUS_RETURN_LEVEL = 68
+"""0: a servo answers a ping only; 1: reading too; 2: every instruction."""
 TORQUE_ENABLE, HARDWARE_ERROR, BUS_WATCHDOG, GOAL_CURRENT, PRESENT, TEMPERATURE = 64, 70, 98, 102, 126, 146
 CURRENT_CONTROL = 0
 WATCHDOG_S = 0.02
@@ -43,14 +45,31 @@ class ServoModel(NamedTuple):
 
 
 MODELS = {
+    1000: ServoModel("XH430-W350", 3.4 / 1.3, 2.69e-3),
+    1010: ServoModel("XH430-W210", 2.5 / 1.3, 2.69e-3),
     1020: ServoModel("XM430-W350", 4.1 / 2.3, 2.69e-3),
     1030: ServoModel("XM430-W210", 3.0 / 2.3, 2.69e-3),
+    1040: ServoModel("XH430-V350", 3.3 / 0.7, 1.34e-3),
+    1050: ServoModel("XH430-V210", 2.6 / 0.7, 1.34e-3),
     1060: ServoModel("XL430-W250", 0.0, 0.0),
     1070: ServoModel("XC430-W150", 0.0, 0.0),
+    1080: ServoModel("XC430-W240", 0.0, 0.0),
+    1090: ServoModel("2XL430-W250", 0.0, 0.0),
+    1100: ServoModel("XH540-W270", 9.9 / 4.9, 2.69e-3),
+    1110: ServoModel("XH540-W150", 7.1 / 4.9, 2.69e-3),
     1120: ServoModel("XM540-W270", 10.6 / 4.4, 2.69e-3),
+    1130: ServoModel("XM540-W150", 7.3 / 4.4, 2.69e-3),
+    1140: ServoModel("XH540-V270", 9.2 / 2.4, 2.69e-3),
+    1150: ServoModel("XH540-V150", 6.4 / 2.4, 2.69e-3),
+    1160: ServoModel("2XC430-W250", 0.0, 0.0),
+    1170: ServoModel("XW540-T260", 9.5 / 4.9, 2.69e-3),
+    1180: ServoModel("XW540-T140", 6.9 / 4.9, 2.69e-3),
     1190: ServoModel("XL330-M077", 0.215 / 1.47, 1e-3),
     1200: ServoModel("XL330-M288", 0.52 / 1.47, 1e-3),
-    1220: ServoModel("XC330-T288", 1.0 / 0.88, 1e-3),
+    1210: ServoModel("XC330-T181", 0.76 / 0.8, 1e-3),
+    1220: ServoModel("XC330-T288", 0.92 / 0.8, 1e-3),
+    1230: ServoModel("XC330-M181", 0.6 / 1.8, 1e-3),
+    1240: ServoModel("XC330-M288", 0.93 / 1.8, 1e-3),
 }
 
 
@@ -84,6 +103,14 @@ class Dynamixel(BusArm):
         if model is None:
             known = ", ".join(one.name for one in MODELS.values())
             raise HapnetError(f"servo {servo} ({joint.name}) is of model {number}, and this driver supports {known}")
+        bus.sync_write(STATUS_RETURN_LEVEL, {servo: b"\2"})  # nothing answers this, at any level
+        if bus.read(servo, HARDWARE_ERROR, 1)[0]:
+            bus.reboot(servo)
+            bus.sync_write(STATUS_RETURN_LEVEL, {servo: b"\2"})
+            if bits := bus.read(servo, HARDWARE_ERROR, 1)[0]:
+                raise HapnetError(
+                    f"servo {servo} ({joint.name}) reports {_named(bits)}, and restarting it does not help"
+                )
         offset = int.from_bytes(bus.read(servo, HOMING_OFFSET, 4), "little", signed=True)
         self.require_offset(joint, offset)
         bus.write(servo, TORQUE_ENABLE, b"\0")
@@ -116,9 +143,7 @@ class Dynamixel(BusArm):
 
     def why(self, servo: int, fault: str) -> str:
         reply = self.bus.glance(servo, HARDWARE_ERROR, 1, _ASK_S)
-        bits = 0 if reply is None else reply.data[0]
-        named = [text for bit, text in ERRORS.items() if bits >> bit & 1]
-        return f"{' and '.join(named) or fault}: switch its power off and on"
+        return f"{_named(0 if reply is None else reply.data[0]) or fault}: the next run restarts it"
 
     def decoded(self, reply: Reply) -> Present:
         current, rate, count = BLOCK.unpack(reply.data)
@@ -126,3 +151,8 @@ class Dynamixel(BusArm):
 
     def current(self, count: int) -> bytes:
         return count.to_bytes(2, "little", signed=True)
+
+
+def _named(bits: int) -> str:
+    """The errors of a hardware error status, in words."""
+    return " and ".join(text for bit, text in ERRORS.items() if bits >> bit & 1)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from hapnet.errors import HapnetError
 from hapnet.ext.devices.serial_port import SerialPort
-from hapnet.ext.robots.bus_packets import Packets, Reply
+from hapnet.ext.robots.bus_packets import REBOOT, Packets, Reply
 
 BITS_A_BYTE = 10
 _LATENCY_S = 1e-3
@@ -84,6 +84,10 @@ class ServoBus:
     def write(self, servo: int, address: int, data: bytes) -> None:
         """Write into a servo's table. Raises HapnetError: it does not answer, or refuses."""
         self._ask(servo, self.packets.write(servo, address, data), 0)
+
+    def reboot(self, servo: int) -> None:
+        """Restart a servo, which ends a shutdown. Raises HapnetError: it does not answer."""
+        self._ask(servo, self.packets.packet(servo, REBOOT), 0)
 
     def _ask(self, servo: int, packet: bytes, size: int) -> bytes:
         for _ in range(_TRIES):
