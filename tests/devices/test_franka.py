@@ -1,7 +1,9 @@
 """The driver of the FR3: its torques against the principle of virtual work, its account, what it does at failures."""
 
+import socket
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from itertools import count
 from typing import Any
 
@@ -20,6 +22,7 @@ NOTHING = np.zeros((3, 3))
 def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, "pylibfranka", stand_in)
     monkeypatch.setattr("hapnet.ext.robots.franka.find_spec", lambda name: True)
+    monkeypatch.setattr("hapnet.ext.robots.franka_interface.require_answer", lambda host: None)
     return
 
 
@@ -224,6 +227,18 @@ def test_it_begins_only_with_a_robot_that_is_ready(library: None) -> None:
     Franka(3, "robot", recover=True).home()
     assert stand_in.Robot.made.recovered == 1
     assert stand_in.Robot.made.thresholds[1] == [36.0] * 4 + [12.0] * 3
+
+
+def test_a_computer_that_accepts_a_connection_and_never_answers_is_no_robot() -> None:
+    """The maker's own library waits for it for ever."""
+    if find_spec("pylibfranka") is None:
+        pytest.skip("pylibfranka is not installed: extra franka")
+    with socket.socket() as silent:
+        silent.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        silent.bind(("127.0.0.31", 1337))
+        silent.listen()
+        with pytest.raises(HapnetError, match=r"no robot at 127\.0\.0\.31: its port is open, but nothing answers"):
+            Franka(3, "127.0.0.31", realtime=False)
 
 
 def test_the_surroundings_push_where_it_does_not(library: None) -> None:

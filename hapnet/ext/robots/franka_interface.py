@@ -6,6 +6,7 @@ Sources: libfranka's headers `robot.h`, `active_torque_control.h` and `robot_sta
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -21,7 +22,35 @@ from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, TO
 EARLY_S = 0.3e-3
 """The binding holds Python's lock while it waits for a state. So it is called only so long before the next [s]."""
 
+ANSWER_S = 1.5
+"""A robot answers a connection within this time [s]."""
+
+_CONNECT = """
+import sys, pylibfranka as lib
+print(flush=True)
+lib.Robot(sys.argv[1], lib.RealtimeConfig.kIgnore)
+"""
 _RAMP_TICKS = 200
+
+
+def require_answer(host: str, within_s: float = ANSWER_S) -> None:
+    """Raise HapnetError if `host` accepts a connection and does not answer it `within_s` [s].
+
+    The library waits for an answer without a limit, and holds Python's lock, so that even Ctrl-C does not end the
+    program. So another process connects first. What else it finds, the library reports at once.
+    """
+    argv = [sys.executable, "-c", _CONNECT, host]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        process.stdout.readline()  # the library is loaded
+        try:
+            process.wait(within_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise HapnetError(
+                f"no robot at {host}: its port is open, but nothing answers within {within_s:g} s; check the address,"
+                " and that FCI is active in Desk"
+            ) from None
 
 
 class ControlInterface:
@@ -38,6 +67,7 @@ class ControlInterface:
     def __init__(self, host: str, *, realtime: bool) -> None:
         self.missed, self.failed, self.stopped = 0, "", False
         self._control: Any = None
+        require_answer(host)
         self._lib: Any = import_module("pylibfranka")
         lib = self._lib
         self._errors: tuple[type[Exception], ...] = (
