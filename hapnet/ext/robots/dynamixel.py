@@ -46,7 +46,9 @@ class ServoModel(NamedTuple):
 
 MODELS = {
     1000: ServoModel("XH430-W350", 3.4 / 1.3, 2.69e-3),
+    1001: ServoModel("XD430-T350", 3.4 / 1.3, 2.69e-3),
     1010: ServoModel("XH430-W210", 2.5 / 1.3, 2.69e-3),
+    1011: ServoModel("XD430-T210", 2.5 / 1.3, 2.69e-3),
     1020: ServoModel("XM430-W350", 4.1 / 2.3, 2.69e-3),
     1030: ServoModel("XM430-W210", 3.0 / 2.3, 2.69e-3),
     1040: ServoModel("XH430-V350", 3.3 / 0.7, 1.34e-3),
@@ -56,7 +58,9 @@ MODELS = {
     1080: ServoModel("XC430-W240", 0.0, 0.0),
     1090: ServoModel("2XL430-W250", 0.0, 0.0),
     1100: ServoModel("XH540-W270", 9.9 / 4.9, 2.69e-3),
+    1101: ServoModel("XD540-T270", 9.9 / 4.9, 2.69e-3),
     1110: ServoModel("XH540-W150", 7.1 / 4.9, 2.69e-3),
+    1111: ServoModel("XD540-T150", 7.1 / 4.9, 2.69e-3),
     1120: ServoModel("XM540-W270", 10.6 / 4.4, 2.69e-3),
     1130: ServoModel("XM540-W150", 7.3 / 4.4, 2.69e-3),
     1140: ServoModel("XH540-V270", 9.2 / 2.4, 2.69e-3),
@@ -70,6 +74,7 @@ MODELS = {
     1220: ServoModel("XC330-T288", 0.92 / 0.8, 1e-3),
     1230: ServoModel("XC330-M181", 0.6 / 1.8, 1e-3),
     1240: ServoModel("XC330-M288", 0.93 / 1.8, 1e-3),
+    1270: ServoModel("XW430-T333", 3.1 / 1.3, 2.69e-3),
 }
 
 
