@@ -1,6 +1,7 @@
 """Gamepad and 3D mouse, from events as the kernel gives them: written by hand after its documentation."""
 
 import errno
+import math
 import os
 import struct
 from collections.abc import Iterator
@@ -14,6 +15,8 @@ from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.devices.gamepad import Gamepad
 from hapnet.ext.devices.input_device import InputDevice
 from hapnet.ext.devices.space_mouse import SpaceMouse, _is_ours
+from hapnet.ext.tools.posed import Posed
+from hapnet.mechanics.pose import coordinates
 
 MILLI = 0.001
 
@@ -125,11 +128,65 @@ def test_any_bytes_leave_positions_within_reach(chunks: list[bytes]) -> None:
 def test_a_3d_mouse(newer: bool, pipe: Pipe, clock: list[float]) -> None:
     """To the right, towards the user and down in its reports; x right, y away and z up here."""
     mouse = SpaceMouse(3, path=pipe.path, dead=0.0)
-    pipe.write(b"\x01" + struct.pack("<3h", 350, 175, -350) + (struct.pack("<3h", 0, 0, 99) if newer else b""))
+    rotation = struct.pack("<3h", 0, 0, -350)  # about the axis that points down
+    pipe.write(b"\x01" + struct.pack("<3h", 350, 175, -350) + (rotation if newer else b""))
+    assert mouse.orientation() == (1.0, 0.0, 0.0, 0.0)
+    if not newer:
+        mouse.read()  # the kernel returns one report at a time
+        pipe.write(b"\x02" + rotation)
     assert settled(mouse, clock) == pytest.approx((0.04, -0.02, 0.04), rel=1e-3)
-    pipe.write(b"\x02" + struct.pack("<3h", 350, 350, 350))  # a rotation
-    assert settled(mouse, clock) == pytest.approx((0.04, -0.02, 0.04), rel=1e-3)
+    assert mouse.orientation() == pytest.approx((math.cos(0.25), 0.0, 0.0, math.sin(0.25)), abs=1e-9)
+    pipe.write(b"\x02" + struct.pack("<3h", 0, 175, 0))
+    settled(mouse, clock)
+    assert mouse.orientation() == pytest.approx((math.cos(0.125), 0.0, -math.sin(0.125), 0.0), abs=1e-9)
     mouse.close()
+
+
+def test_with_a_rate_a_deflection_is_a_velocity(pipe: Pipe, clock: list[float]) -> None:
+    """A second at full deflection makes rate times reach, late by the filter's 20 ms; then it stays there."""
+    mouse = SpaceMouse(3, path=pipe.path, dead=0.0, rate=0.5, turn=0.8)
+    mouse.read()
+    pipe.write(b"\x01" + struct.pack("<6h", 350, 0, 175, 0, 350, 0))
+    settled(mouse, clock)
+    pipe.write(b"\x01" + struct.pack("<6h", 0, 0, 0, 0, 0, 0))
+    x = settled(mouse, clock)  # it goes on for as long as it was late
+    assert x == pytest.approx((0.02, 0.0, -0.01), rel=1e-3)
+    turned = 0.4
+    assert mouse.orientation() == pytest.approx((math.cos(turned / 2), 0.0, -math.sin(turned / 2), 0.0), abs=1e-3)
+    assert settled(mouse, clock) == pytest.approx(x, abs=1e-12)
+    pipe.write(b"\x01" + struct.pack("<6h", 350, 0, 0, 350, 0, 0))
+    for _ in range(3):
+        assert settled(mouse, clock)[0] <= 0.04
+    assert settled(mouse, clock)[0] == 0.04  # it stays within reach
+    assert mouse.read()[1][0] == 0.0
+    w, i, j, k = mouse.orientation()
+    assert w * w + i * i + j * j + k * k == pytest.approx(1.0, abs=1e-12)
+    # -0.4 rad about y, then four seconds of 0.4 rad/s about the axis x, which does not turn with it
+    both = (math.cos(0.8) * math.cos(0.2), math.sin(0.8) * math.cos(0.2))
+    assert (w, i, j) == pytest.approx((both[0], both[1], -math.cos(0.8) * math.sin(0.2)), abs=0.01)
+    mouse.close()
+
+
+def test_a_stick_with_a_rate_stays_where_it_is_let_go(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(1, path=pipe.path, rate=1.0)
+    pad.read()
+    pipe.write(js(32767, 0x02, 0))
+    for _ in range(500):
+        clock[0] += MILLI
+        pad.read()
+    pipe.write(js(0, 0x02, 0))
+    assert settled(pad, clock) == pytest.approx((0.02,), rel=1e-2)
+    pad.close()
+
+
+def test_a_3d_mouse_moves_a_tool(pipe: Pipe, clock: list[float]) -> None:
+    device = Posed(SpaceMouse(3, path=pipe.path, dead=0.0), "3dmouse", clock=lambda: clock[0])
+    pipe.write(b"\x01" + struct.pack("<6h", 350, 0, 0, 0, 0, -350))
+    for _ in range(1000):
+        clock[0] += MILLI
+        x, _ = device.read()
+    assert x == pytest.approx(coordinates((0.04, 0.0, 0.0), (math.cos(0.25), 0.0, 0.0, math.sin(0.25))), abs=1e-6)
+    device.close()
 
 
 def test_a_3d_mouses_buttons(pipe: Pipe, clock: list[float]) -> None:
@@ -206,7 +263,7 @@ def test_one_that_was_pulled_out_is_opened_anew(
     ("words", "says"),
     [
         ("path=/dev/nil", "No such file"), ("path=/dev/null,reach=1.001", "reach is 1.001"), ("reach=0.0009", "reach"),
-        ("dead=1", "dead"), ("dead=-0.001", "dead"),
+        ("dead=1", "dead"), ("dead=-0.001", "dead"), ("rate=-1", "rate is -1.0; allowed: 0 to 100 1/s"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(words: str, says: str) -> None:

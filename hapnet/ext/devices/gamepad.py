@@ -34,13 +34,20 @@ class Gamepad(InputDevice):
     about = "a gamepad's or joystick's sticks as input, without force; its motors vibrate over a grain"
 
     def __init__(
-        self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05, sticks: str = "0/1/4"
+        self,
+        dof: int,
+        path: str = "",
+        axes: str = "",
+        reach: float = 0.04,
+        dead: float = 0.05,
+        rate: float = 0.0,
+        sticks: str = "0/1/4",
     ) -> None:
         numbers = sticks.split("/")
         if len(numbers) != 3 or len(set(numbers)) != 3 or not all(number.isdecimal() for number in numbers):
             raise InvalidParameter("sticks", sticks, "three different numbers of axes for x, y and z, such as 0/1/4")
         self._places = {int(number): place for place, number in enumerate(numbers)}
-        super().__init__(dof, path, axes, reach, dead)
+        super().__init__(dof, path, axes, reach, dead, rate)
         self.rumble: Rumble = Rumble.of(self._path)
 
     def vibrate(self, force: Vector) -> None:

@@ -1,8 +1,9 @@
 """Devices that only measure a motion: a gamepad's stick, a 3D mouse. Without motors the account counts no force.
 
-The deflection of the stick is the position: full deflection is `reach` from the origin, no deflection the origin. A
-low-pass filter of 20 ms smooths the steps in which such devices report. The kernel's files are read without
-waiting; no library is needed.
+The deflection of the stick is the position: full deflection is `reach` from the origin, no deflection the origin. With
+a `rate` the deflection is the velocity (rate control), and the position stays where it is when the hand lets go. A
+low-pass filter of 20 ms smooths the steps in which such devices report. The kernel's files are read without waiting;
+no library is needed.
 """
 
 from __future__ import annotations
@@ -37,18 +38,22 @@ class InputDevice(Driver):
     resolution: float = 0.0
     smallest_mass: float = 1.0  # without motors this has no effect
 
-    def __init__(self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05) -> None:
+    def __init__(
+        self, dof: int, path: str = "", axes: str = "", reach: float = 0.04, dead: float = 0.05, rate: float = 0.0
+    ) -> None:
         if not 1e-3 <= reach <= 1.0:
             raise InvalidParameter("reach", reach, "0.001 to 1 m")
         if not 0.0 <= dead < 1.0:
             raise InvalidParameter("dead", dead, "0 or above, below 1")
+        if not 0.0 <= rate <= 100.0:
+            raise InvalidParameter("rate", rate, "0 to 100 1/s")
         found = self.found()
         if not path and not found:
             raise InvalidParameter("path", path, f"a device of this machine, and none was found ({self.about})")
         self.dof = dof
         self.workspace: float = 2.0 * reach
         self.greatest_speed: float = 10.0 * reach / SMOOTHING_S
-        self._axes, self._reach, self._dead = Axes(axes, dof), reach, dead
+        self._axes, self._reach, self._dead, self.rate = Axes(axes, dof), reach, dead, rate
         self._path = path or found[0]
         self._file: int | None = None
         self._unread = b""
@@ -72,13 +77,21 @@ class InputDevice(Driver):
         now_s = time.monotonic()
         dt = 0.0 if self._read_s is None else now_s - self._read_s
         self._read_s = now_s
-        share = -math.expm1(-dt / SMOOTHING_S)
-        goal = self._axes.take(tuple([self._reach * self._beyond_dead_zone(d) for d in self.deflections]))
-        moved = tuple([share * (g - x) for g, x in zip(goal, self._position, strict=True)])
-        self._position = tuple([x + m for x, m in zip(self._position, moved, strict=True)])
-        if dt > 0.0:
-            self._velocity = tuple([m / dt for m in moved])
+        self.move(dt)
         return self._position, self._velocity
+
+    def move(self, dt: float) -> None:
+        """Move the position by what the present deflections make of it in `dt` seconds."""
+        goal = self._axes.take(tuple([self._reach * self.beyond_dead_zone(d) for d in self.deflections]))
+        before = self._position
+        if self.rate:
+            velocity = follow(self._velocity, [self.rate * g for g in goal], dt)
+            moved = [x + v * dt for x, v in zip(before, velocity, strict=True)]
+            self._position = tuple([max(-self._reach, min(self._reach, x)) for x in moved])
+        else:
+            self._position = follow(before, goal, dt)
+        if dt > 0.0:
+            self._velocity = tuple([(x - b) / dt for x, b in zip(self._position, before, strict=True)])
 
     def apply(self, force: Vector) -> Vector:
         """Return zeros: without motors no force is applied."""
@@ -92,7 +105,7 @@ class InputDevice(Driver):
             os.close(self._file)
             self._file = None
 
-    def _beyond_dead_zone(self, deflection: float) -> float:
+    def beyond_dead_zone(self, deflection: float) -> float:
         """The deflection beyond the dead zone; full deflection stays full."""
         size = max(0.0, abs(deflection) - self._dead) / (1.0 - self._dead)
         return math.copysign(min(1.0, size), deflection)
@@ -131,6 +144,12 @@ class InputDevice(Driver):
         self._unread = b""
         self.deflections = [0.0] * 3
         self.pressed.clear()
+
+
+def follow(value: Vector, goal: Sequence[float], dt: float) -> Vector:
+    """The value of the low-pass filter `dt` seconds later."""
+    share = -math.expm1(-dt / SMOOTHING_S)
+    return tuple([x + share * (g - x) for x, g in zip(value, goal, strict=True)])
 
 
 def existing(paths: Sequence[str]) -> tuple[str, ...]:

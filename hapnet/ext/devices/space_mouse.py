@@ -1,16 +1,19 @@
 """A 3D mouse (SpaceMouse, SpaceNavigator) as input, by the reports in its HID descriptor.
 
 Report 1 has three 16-bit numbers of the translation, within +-350: to the right, towards the user, down. Newer mice
-add the rotation in the same report, older ones send it as report 2; it is not used. Report 3 has the buttons as bits.
+add the rotation about these axes in the same report, older ones send it as report 2. Report 3 has the buttons as bits.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from pathlib import Path
 
-from hapnet.ext.devices.input_device import InputDevice, existing
+from hapnet.checks import Vector
+from hapnet.errors import InvalidParameter
+from hapnet.ext.devices.input_device import InputDevice, existing, follow
 
 _FULL = 350.0
 _VENDORS = ("0000256F", "0000046D")
@@ -20,10 +23,52 @@ _LOGITECH_MICE = ("C603", "C605", "C606", "C621", "C623", "C625", "C626", "C627"
 
 
 class SpaceMouse(InputDevice):
-    """``3dmouse`` or ``3dmouse:/dev/hidraw2``; its file must be readable for the user (a udev rule)."""
+    """``3dmouse`` or ``3dmouse:/dev/hidraw2,rate=1``; its file must be readable for the user (a udev rule).
 
-    about = "a 3D mouse's translation as input, without force"
+    turn : how far it turns at full deflection [rad]; with a `rate`, at full deflection `rate` times as fast [rad/s].
+    Other options as for `InputDevice`.
+    """
+
+    about = "a 3D mouse's translation and rotation as input, without force"
     udev = 'KERNEL=="hidraw*", ATTRS{idVendor}=="256f|046d", TAG+="uaccess"'
+
+    def __init__(
+        self,
+        dof: int,
+        path: str = "",
+        axes: str = "",
+        reach: float = 0.04,
+        dead: float = 0.05,
+        rate: float = 0.0,
+        turn: float = 0.5,
+    ) -> None:
+        if not 0.0 <= turn <= math.pi:
+            raise InvalidParameter("turn", turn, "0 to 3.14159 rad")
+        self._turn = turn
+        self.turns: list[float] = [0.0] * 3
+        """The deflections about x, y, z, each -1 to 1."""
+        self._turned: Vector = (0.0,) * 3
+        self._orientation: Vector = (1.0, 0.0, 0.0, 0.0)
+        super().__init__(dof, path, axes, reach, dead, rate)
+
+    def move(self, dt: float) -> None:
+        super().move(dt)
+        goal = [self._turn * self.beyond_dead_zone(d) for d in self.turns]
+        if self.rate:
+            self._turned = follow(self._turned, [self.rate * g for g in goal], dt)
+            turned = _product(_quaternion([w * dt for w in self._turned]), self._orientation)
+            length = math.hypot(*turned)
+            self._orientation = tuple([part / length for part in turned])
+        else:
+            self._turned = follow(self._turned, goal, dt)
+            self._orientation = _quaternion(self._turned)
+
+    def orientation(self) -> Vector:
+        return self._orientation
+
+    def _open(self) -> None:
+        super()._open()
+        self.turns = [0.0] * 3
 
     @classmethod
     def found(cls) -> Sequence[str]:
@@ -33,13 +78,39 @@ class SpaceMouse(InputDevice):
         """Process one complete report, as the kernel returns one at a time."""
         match data[:1]:
             case b"\x01" if len(data) >= 7:
-                right, near, down = struct.unpack_from("<3h", data, 1)
-                self.deflections: list[float] = [max(-1.0, min(1.0, v / _FULL)) for v in (right, -near, -down)]
+                self.deflections: list[float] = _deflections(data, 1)
+                if len(data) >= 13:
+                    self.turns = _deflections(data, 7)
+            case b"\x02" if len(data) >= 7:
+                self.turns = _deflections(data, 1)
             case b"\x03" if len(data) >= 2:
                 bits = int.from_bytes(data[1:5], "little")
                 for number in range(max(bits.bit_length(), *(n + 1 for n in self.pressed), 2)):
                     self.pressed[number] = bool(bits >> number & 1)
         return len(data)
+
+
+def _quaternion(rotation: Sequence[float]) -> Vector:
+    """The unit quaternion w, x, y, z of a rotation vector (3,) [rad]."""
+    angle = math.hypot(*rotation)
+    share = math.sin(angle / 2.0) / angle if angle > 0.0 else 0.5
+    return (math.cos(angle / 2.0), *(share * part for part in rotation))
+
+
+def _product(a: Vector, b: Vector) -> Vector:
+    """The quaternion of the rotation b, followed by a."""
+    w, x, y, z = a
+    s, i, j, k = b
+    return (
+        w * s - x * i - y * j - z * k, w * i + x * s + y * k - z * j,
+        w * j - x * k + y * s + z * i, w * k + x * j - y * i + z * s,
+    )  # fmt: skip
+
+
+def _deflections(data: bytes, at: int) -> list[float]:
+    """Three numbers of a report, along or about hapnet's axes: to the right, away from the user, up."""
+    right, near, down = struct.unpack_from("<3h", data, at)
+    return [max(-1.0, min(1.0, v / _FULL)) for v in (right, -near, -down)]
 
 
 def _is_ours(device: Path) -> bool:
