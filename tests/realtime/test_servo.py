@@ -14,7 +14,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.errors import InvalidParameter
+from hapnet.realtime import servo as servos
 from hapnet.realtime.servo import DeadlineGrid, Servo, request_realtime, set_timer_slack, tuned_interpreter
+from tests.support.elsewhere import Winmm
 
 MS = 1_000_000
 WAIT_S = 30.0
@@ -393,3 +395,17 @@ def test_a_device_that_waits_sets_the_pace() -> None:
 def test_one_that_does_not_wait_leaves_the_processor_to_others() -> None:
     called, _ = follow_virtual([0] * 5)
     assert [b - a for a, b in itertools.pairwise(called)] == [MS // 10] * 4
+
+
+@pytest.mark.parametrize(("result", "asked"), [(0, [("begin", 1), ("end", 1)]), (97, [("begin", 1)])])
+def test_windows_is_asked_for_timers_of_1_ms(
+    result: int, asked: list[tuple[str, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each timeBeginPeriod that was granted needs its timeEndPeriod (learn.microsoft.com, timeapi.h); 97 refuses it."""
+    monkeypatch.setattr(servos.sys, "platform", "win32")
+    monkeypatch.setattr(servos.ctypes, "WinDLL", Winmm, raising=False)
+    monkeypatch.setattr(Winmm, "asked", [])
+    monkeypatch.setattr(Winmm, "result", result)
+    with tuned_interpreter():
+        assert Winmm.asked == asked[:1]
+    assert Winmm.asked == asked

@@ -19,7 +19,7 @@ import socket
 import sys
 import time
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 OURS = ("hapnet", "netem")
 
@@ -96,6 +96,26 @@ def _without_symbols(platform: str) -> None:
             return super().__getattr__(name)
 
     ctypes.CDLL = Library  # type: ignore[misc]
+    if platform == "win32":
+        ctypes.WinDLL = Winmm  # type: ignore[attr-defined]
+
+
+class Winmm:
+    """Windows' library of timers, which other systems lack: it notes what it is asked for."""
+
+    asked: ClassVar[list[tuple[str, int]]] = []
+    result = 0  # TIMERR_NOERROR
+
+    def __init__(self, name: str) -> None:
+        assert name == "winmm"
+
+    def timeBeginPeriod(self, period_ms: int) -> int:
+        self.asked.append(("begin", period_ms))
+        return self.result
+
+    def timeEndPeriod(self, period_ms: int) -> int:
+        self.asked.append(("end", period_ms))
+        return self.result
 
 
 def _without_packets() -> None:
