@@ -83,6 +83,18 @@ def test_a_swinging_handle(amplitude: float, hertz: float) -> None:
     assert allowed < 0.35 * amplitude * omega  # the bound says something
 
 
+@pytest.mark.parametrize("speed", [-0.3, 0.02, 1.0])
+def test_a_sample_may_be_old_when_it_is_read(speed: float) -> None:
+    """A sensor of 1 um that was sampled up to 0.9 ms ago: the handle has moved by many counts since."""
+    velocity, chance, count = TimedVelocity(1e-6, 1e-6), random.Random(3), 1e-6
+    found = []
+    for k in range(200):
+        now = k * PERIOD
+        at = now - chance.uniform(0.0, 0.9) * PERIOD
+        found.append(velocity.update(now, at, round(speed * at / count) * count, counted=False))
+    assert found[20:] == pytest.approx([speed] * 180, rel=0.01, abs=2e-3)  # two counts over a period
+
+
 @pytest.mark.parametrize("speed", [0.0, 0.001, 0.05])
 def test_a_noisy_sensor_is_smoothed_over_16_samples(speed: float) -> None:
     """12 um a reading, and as much noise either way. At the worst both ends of 15 periods are wrong by all of it."""

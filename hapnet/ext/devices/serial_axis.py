@@ -173,7 +173,8 @@ class SerialAxis(Driver):
         self._last = state
         at_us = self._now_us - state.age_us if state.age_us < wire.OLDEST_US else None
         x = state.position_nm * 1e-9 - 0.5 * state.counted * self.resolution  # a count lies between two positions
-        self._speed = self._velocity.update(self._now_us * MICRO, None if at_us is None else at_us * MICRO, x)
+        at_s = None if at_us is None else at_us * MICRO
+        self._speed = self._velocity.update(self._now_us * MICRO, at_s, x, counted=state.counted != 0)
 
     def _states(self, seconds: float) -> list[wire.BoardState]:
         """The next states, waiting for them at most `seconds`."""

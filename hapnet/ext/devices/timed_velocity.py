@@ -28,8 +28,12 @@ class TimedVelocity:
         """Forget all positions, as after a gap."""
         self._points.clear()
 
-    def update(self, now: float, at: float | None, x: float) -> float:
-        """The velocity [m/s] at the time `now` [s]; at : when the handle was at `x` [m]; None: not known."""
+    def update(self, now: float, at: float | None, x: float, *, counted: bool = True) -> float:
+        """The velocity [m/s] at the time `now` [s].
+
+        at : when the handle was at `x` [m]; None: not known. counted : whether an encoder counted there, so that no
+        count has come since `at`; a sensor that is sampled may have moved by many.
+        """
         points = self._points
         if at is not None and (not points or at > points[-1][0]):
             points.append((at, x))
@@ -45,6 +49,6 @@ class TimedVelocity:
             velocity = slope
             slack = self._noise / (newest - t)
             least, most = max(least, slope - slack), min(most, slope + slack)
-        since = now - newest
+        since = now - newest if counted else 0.0
         fastest = self._count / since if since > 0.0 else float("inf")
         return max(-fastest, min(fastest, velocity))
