@@ -6,7 +6,6 @@ Sources: libfranka's headers `robot.h`, `active_torque_control.h` and `robot_sta
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,6 +17,7 @@ import numpy as np
 
 from hapnet.errors import HapnetError
 from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, TORQUE_LIMIT, ArmState, Array
+from hapnet.processes import start
 
 EARLY_S = 0.3e-3
 """The binding holds Python's lock while it waits for a state. So it is called only so long before the next [s]."""
@@ -39,14 +39,13 @@ def require_answer(host: str, within_s: float = ANSWER_S) -> None:
     The library waits for an answer without a limit, and holds Python's lock, so that even Ctrl-C does not end the
     program. So another process connects first. What else it finds, the library reports at once.
     """
-    argv = [sys.executable, "-c", _CONNECT, host]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-        assert process.stdout is not None
-        process.stdout.readline()  # the library is loaded
+    with start.started([sys.executable, "-c", _CONNECT, host], stdout=start.PIPE, stderr=start.NOTHING) as program:
+        assert program.stdout is not None
+        program.stdout.readline()  # the library is loaded
         try:
-            process.wait(within_s)
-        except subprocess.TimeoutExpired:
-            process.kill()
+            program.wait(within_s)
+        except start.TimeoutExpired:
+            program.kill()
             raise HapnetError(
                 f"no robot at {host}: its port is open, but nothing answers within {within_s:g} s; check the address,"
                 " and that FCI is active in Desk"
