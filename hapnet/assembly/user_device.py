@@ -337,8 +337,13 @@ class UserDevice:
             peak=math.inf if self.force_limit is None else self.force_limit,
             continuous=self.continuous_force,
             thermal_s=self.thermal_s,
-            rendered=3 if self._is_posed and not getattr(self.device, "gives_torque", True) else None,
+            rendered=3 if self.lacks_torque else None,
         )
+
+    @property
+    def lacks_torque(self) -> bool:
+        """Whether it moves a tool, and renders the tool's force, not its torque."""
+        return self._is_posed and not getattr(self.device, "gives_torque", True)
 
     def check(self, params: DeviceParams) -> ActuatorCheck | None:
         """The check with pushes at the start, within the allowed forces; None: no check.

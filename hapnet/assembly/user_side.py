@@ -32,6 +32,10 @@ def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write:
         if setup.coupling.halves and setup.harvest == "measured":
             for warning in held_torque.check(own, setup.harvest, setup.dof):
                 write(Event(clock(), "warning", warning, "warning"))
+        if device.lacks_torque:
+            write(
+                Event(clock(), "warning", f"{device.name} has no torque: the tool's force is rendered alone", "warning")
+            )
         hold = held(dataclasses.replace(setup, params=dataclasses.replace(params, device=own)))
         with named_section("device"):
             hold((0.0,) * setup.dof, False)

@@ -14,6 +14,8 @@ import pytest
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.devices.force_dimension import ForceDimension
+from hapnet.ext.tools.posed import Posed
+from hapnet.mechanics.pose import ARM_M, along_coordinates, coordinates
 from tests.conftest import ROOT
 from tests.support.processes import assert_passive, started
 
@@ -46,6 +48,7 @@ def stand_in(library: str) -> ctypes.CDLL:
     stub.stub_pass.argtypes = [ctypes.c_double]
     stub.stub_set(0, 0, 0, 0)
     stub.stub_more(1, 0, 1)
+    stub.stub_wrist(0)
     stub.stub_ints(17)
     stub.stub_frame((ctypes.c_double * 9)(1, 0, 0, 0, 1, 0, 0, 0, 1))
     return stub
@@ -244,6 +247,51 @@ def test_the_wrist_is_told_in_our_frame(device: ForceDimension, stub: ctypes.CDL
     assert device.orientation() == pytest.approx((half, half, 0.0, 0.0))
 
 
+def test_a_wrist_with_motors_renders_torque(library: str, stub: ctypes.CDLL) -> None:
+    """A torque about our x is one about their y. Above the motors' limit the library tells what they make."""
+    stub.stub_wrist(1)
+    device = ForceDimension(3, library=library)
+    assert device.apply_wrench is not None
+    assert device.apply_wrench((1.0, 0.0, 0.0), (0.1, 0.0, 0.0)) == (NOTHING, NOTHING)  # not begun
+    device.home()
+    device.begin()
+    force, torque = device.apply_wrench((1.0, 2.0, 3.0), (0.1, 0.2, -0.3))
+    assert force == pytest.approx((1.0, 2.0, 3.0))
+    assert torque == pytest.approx((0.1, 0.2, -0.3))
+    theirs = [ctypes.c_double() for _ in range(6)]
+    stub.dhdGetForceAndTorque(*map(ctypes.byref, theirs), ctypes.c_byte(0))
+    assert [part.value for part in theirs] == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, -0.3])
+    assert device.apply_wrench(NOTHING, (0.0, 0.0, 1.0))[1] == pytest.approx((0.0, 0.0, 0.4))
+    stub.stub_off(EXPIRED)
+    assert device.apply_wrench((1.0, 0.0, 0.0), (0.1, 0.0, 0.0)) == (NOTHING, NOTHING)
+    assert device.braked() == "its watchdog disabled forces: they are enabled again"
+    stub.stub_set(1, 0, 0, 0)
+    with pytest.raises(DeviceSilent, match="accepts no force"):
+        device.apply_wrench(NOTHING, NOTHING)
+    stub.stub_set(0, 0, 0, 0)
+    device.close()
+
+
+def test_a_tools_pose_moves_and_feels_it(library: str, stub: ctypes.CDLL) -> None:
+    """The force along a pose's coordinates does the work of its wrench on a small motion; a wrist without motors gets
+    the force alone."""
+    device = ForceDimension(3, library=library)
+    posed = Posed(device, "dhd")
+    assert not posed.gives_torque
+    device.close()
+    stub.stub_wrist(1)
+    device = ForceDimension(3, library=library)
+    device.home()
+    device.begin()
+    posed = Posed(device, "dhd")
+    assert posed.gives_torque
+    posed.read()
+    wanted = along_coordinates(coordinates(NOTHING, (1.0, 0.0, 0.0, 0.0)), (0.5, 0.0, 1.0), (0.02, -0.03, 0.04), ARM_M)
+    applied = posed.apply(wanted)
+    assert applied == pytest.approx(wanted, abs=1e-9)
+    device.close()
+
+
 def test_at_the_end_it_is_stopped_and_closed(device: ForceDimension, stub: ctypes.CDLL) -> None:
     device.close()
     device.close()
@@ -275,3 +323,14 @@ def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp
     assert summary["device"]["force"] == "applied"
     assert summary["motion"]["contacts"] >= 1
     assert summary["motion"]["peak_force_N"] > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrist", [0, 1])
+def test_a_run_with_a_tool_says_whether_there_is_torque(wrist: int, library: str, tmp_path: Path) -> None:
+    argv = ("run", "--device", f"dhd:library={library}", "--scene", "tool:box", "--duration", 4, "--json", "-")
+    with started(*argv, "--out", tmp_path / "run", env={"STUB_WRIST": str(wrist)}) as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    assert_passive(json.loads(stdout))
+    assert ("has no torque: the tool's force is rendered alone" in stderr) == (wrist == 0)

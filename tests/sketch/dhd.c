@@ -21,8 +21,9 @@ enum { POWER, CONNECTED, STARTED, RESET, IDLE, FORCE, BRAKE, TORQUE, WRIST, ERRO
        REDUNDANCY, FORCEOFFCAUSE, LOCKS, AXIS_CHECKED };
 enum { NONE, BUTTON, VELOCITY, WATCHDOG, SOFTWARE };
 
-static double x[3], v[3], force[3], last_s, start_s, commanded_s, passed_s;
+static double x[3], v[3], force[3], torque[3], last_s, start_s, commanded_s, passed_s;
 static int open_, brakes = 1, button, reset, failing, watchdog, gravity = -1, enabled, cause, stopped, regulating;
+static int active_wrist;
 static int powered = 1, locks, ints = 17, enables, supported = 1, inits;
 static unsigned int mask;
 static double frame_[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -38,7 +39,7 @@ static double now_s(void) {
 static void disable(int why) {
   if (enabled) cause = why;
   enabled = 0;
-  memset(force, 0, sizeof force);
+  memset(force, 0, sizeof force); memset(torque, 0, sizeof torque);
 }
 
 static int renders(void) { return enabled && !brakes && !button && !reset && powered; }
@@ -63,6 +64,7 @@ void stub_set(int fail, int pressed, int resets, unsigned int buttons) { failing
 void stub_frame(const double *f) { memcpy(frame_, f, sizeof frame_); }
 void stub_ints(int count) { ints = count; }
 void stub_pass(double seconds) { passed_s += seconds; }
+void stub_wrist(int active) { active_wrist = active; }
 void stub_off(int why) { advance(); disable(why); }
 void stub_more(int power, int lock, int support) { powered = power; locks = lock; supported = support; }
 int stub_state(int which) {
@@ -76,6 +78,7 @@ int dhdOpenID(char id) {
   open_ = 1; stopped = enabled = watchdog = cause = enables = regulating = inits = 0; brakes = 1;
   last_s = start_s = commanded_s = now_s();
   memset(x, 0, sizeof x); memset(v, 0, sizeof v); memset(force, 0, sizeof force);
+  if (getenv("STUB_WRIST")) active_wrist = atoi(getenv("STUB_WRIST"));
   if (getenv("STUB_INTS")) ints = atoi(getenv("STUB_INTS"));
   if (getenv("STUB_OFF")) sscanf(getenv("STUB_OFF"), "%lf:%d", &off_at_s, &off_cause);
   return 0;
@@ -95,6 +98,7 @@ int dhdSetBrakes(int on, char id) { (void)id; brakes = on; if (on) disable(SOFTW
 int dhdSetGravityCompensation(int on, char id) { (void)id; gravity = on; return 0; }
 int dhdSetWatchdog(unsigned char ticks, char id) { (void)id; advance(); watchdog = ticks; return 0; }
 bool dhdHasWrist(char id) { (void)id; return true; }
+bool dhdHasActiveWrist(char id) { (void)id; return active_wrist; }
 const char *dhdErrorGetLastStr(void) { return "no such device, or it does not answer"; }
 const char *dhdGetSystemName(char id) { (void)id; return "omega.6 stand-in"; }
 unsigned int dhdGetButtonMask(char id) { (void)id; return mask; }
@@ -128,6 +132,18 @@ int dhdSetForce(double a, double b, double c, char id) {
   if (!renders() || regulating) { memset(force, 0, sizeof force); return 0; }
   force[0] = share * a; force[1] = share * b; force[2] = share * c;
   return length > most ? 2 : 0; /* DHD_MOTOR_SATURATED */
+}
+
+int dhdSetForceAndTorque(double a, double b, double c, double d, double e, double f, char id) {
+  double length = sqrt(d * d + e * e + f * f), most = 0.4, share = length > most ? most / length : 1.0; /* sigma.7 */
+  int saturated = dhdSetForce(a, b, c, id);
+  if (saturated < 0 || !active_wrist || !renders() || regulating) { memset(torque, 0, sizeof torque); return saturated; }
+  torque[0] = share * d; torque[1] = share * e; torque[2] = share * f;
+  return length > most ? 2 : saturated;
+}
+int dhdGetForceAndTorque(double *a, double *b, double *c, double *d, double *e, double *f, char id) {
+  (void)id;
+  return three(force, a, b, c) < 0 ? -1 : three(torque, d, e, f);
 }
 
 #ifdef ROBOTIC

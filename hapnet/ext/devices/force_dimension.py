@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from ctypes import POINTER, byref, c_bool, c_byte, c_char_p, c_double, c_int, c_ubyte, c_uint
 from typing import NamedTuple
 
@@ -59,6 +59,9 @@ _FUNCTIONS: dict[str, tuple[type, list[type]]] = {
     "dhdStop": (c_int, [_ID]),
 }  # fmt: skip
 _OPTIONAL: dict[str, tuple[type, list[type]]] = {
+    "dhdGetForceAndTorque": (c_int, [*_DOUBLES, *_DOUBLES, _ID]),
+    "dhdHasActiveWrist": (c_bool, [_ID]),
+    "dhdSetForceAndTorque": (c_int, [c_double] * 6 + [_ID]),
     "dhdSetWatchdog": (c_int, [c_ubyte, _ID]),
     "drdAutoInit": (c_int, [_ID]),
     "drdClose": (c_int, [_ID]),
@@ -67,7 +70,8 @@ _OPTIONAL: dict[str, tuple[type, list[type]]] = {
     "drdOpenID": (c_int, [_ID]),
     "drdStop": (c_int, [c_bool, _ID]),
 }
-"""An older library has no watchdog. `drd...` are functions of `libdrd`: without them a device is calibrated by hand."""
+"""An older library has no watchdog, or no torques. `drd...` are functions of `libdrd`: without them a device is
+calibrated by hand."""
 
 
 class Limits(NamedTuple):
@@ -127,6 +131,11 @@ class ForceDimension(Driver):
         self._off = ""
         self._gravity, self._calibrates = gravity, calibrate
         self._has_wrist = bool(self._dhd.dhdHasWrist(self._id))
+        has_torque = hasattr(self._dhd, "dhdHasActiveWrist") and self._dhd.dhdHasActiveWrist(self._id)
+        self.apply_wrench: Callable[[Vector, Vector], tuple[Vector, Vector]] | None = None
+        """Hold a force [N] and a torque [Nm]; returns both as applied; None: the wrist has no motors."""
+        if has_torque:
+            self.apply_wrench = self._apply_wrench
         self.name: str = (self._dhd.dhdGetSystemName(self._id) or b"").decode(errors="replace")
         limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
         self.force_limit = limits.force_N
@@ -183,8 +192,8 @@ class ForceDimension(Driver):
 
         Raises DeviceSilent: the library reports an error.
         """
-        position = self._three("dhdGetPosition")
-        velocity = self._three("dhdGetLinearVelocity")
+        position = self._numbers("dhdGetPosition")
+        velocity = self._numbers("dhdGetLinearVelocity")
         self._buttons = self._dhd.dhdGetButtonMask(self._id)
         return self._axes.take(_to_hapnet(position)), self._axes.take(_to_hapnet(velocity))
 
@@ -195,19 +204,36 @@ class ForceDimension(Driver):
         """
         if not self._begun:
             return (0.0,) * self.dof
-        theirs = _theirs(self._axes.spread(force))
-        if self._dhd.dhdSetForce(*theirs, self._id) < 0:
+        if self._dhd.dhdSetForce(*_theirs(self._axes.spread(force)), self._id) < 0:
             raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
-        status = self._status()
-        if not status[_FORCE]:
-            self._off = "it has no power" if not status[_POWER] else _CAUSES.get(status[_CAUSE], "its forces are off")
-            if status[_CAUSE] == _WATCHDOG_CAUSE:
-                self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
-                self._dhd.dhdEnableForce(_ON, self._id)
+        if not self._renders():
             return (0.0,) * self.dof
-        self._off = ""
         # if motors saturate, the library reports the force that they make
-        return self._axes.take(_to_hapnet(self._three("dhdGetForce")))
+        return self._axes.take(_to_hapnet(self._numbers("dhdGetForce")))
+
+    def _apply_wrench(self, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
+        none = (0.0,) * self.dof, (0.0,) * 3
+        if not self._begun:
+            return none
+        theirs = (*_theirs(self._axes.spread(force)), *_theirs(torque))
+        if self._dhd.dhdSetForceAndTorque(*theirs, self._id) < 0:
+            raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
+        if not self._renders():
+            return none
+        applied = self._numbers("dhdGetForceAndTorque", 6)
+        return self._axes.take(_to_hapnet(applied[:3])), _to_hapnet(applied[3:])
+
+    def _renders(self) -> bool:
+        """Whether its forces are on. After its watchdog they are enabled again, from zero."""
+        status = self._status()
+        if status[_FORCE]:
+            self._off = ""
+            return True
+        self._off = "it has no power" if not status[_POWER] else _CAUSES.get(status[_CAUSE], "its forces are off")
+        if status[_CAUSE] == _WATCHDOG_CAUSE:
+            self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
+            self._dhd.dhdEnableForce(_ON, self._id)
+        return False
 
     def orientation(self) -> Vector | None:
         """The orientation of the wrist, if there is one: a unit quaternion w, x, y, z in hapnet's frame."""
@@ -233,11 +259,11 @@ class ForceDimension(Driver):
             (self._dhd.drdClose if self._robotic else self._dhd.dhdClose)(self._id)
             self._id = -1
 
-    def _three(self, function: str) -> Vector:
-        x, y, z = c_double(), c_double(), c_double()
-        if getattr(self._dhd, function)(byref(x), byref(y), byref(z), self._id) < 0:
+    def _numbers(self, function: str, count: int = 3) -> Vector:
+        numbers = [c_double() for _ in range(count)]
+        if getattr(self._dhd, function)(*map(byref, numbers), self._id) < 0:
             raise DeviceSilent(f"{self.name} gives no reading: {self._why()}")
-        return x.value, y.value, z.value
+        return tuple([number.value for number in numbers])
 
     def _status(self) -> list[int]:
         """Read the status; -1 for each value that an older library does not report."""
