@@ -1,5 +1,6 @@
 """The driver of the FR3: its torques against the principle of virtual work, its account, what it does at failures."""
 
+import math
 import socket
 import sys
 from collections.abc import Iterator
@@ -10,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka import Franka
 from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, ArmState, Torques
+from hapnet.ext.tools.posed import Posed
+from hapnet.mechanics.pose import pose
 from tests.support import franka_stand_in as stand_in
 
 NOTHING = np.zeros((3, 3))
@@ -256,6 +260,26 @@ def test_a_force_at_which_its_reflex_has_stopped_it_is_no_force(library: None) -
         robot.pushed = np.full(6, push)
         device.read()
         assert (device.contact_force() is not None) == known
+
+
+@pytest.mark.parametrize(("joint", "axis"), [(0, (0.0, 0.0, 1.0)), (6, (0.0, 0.0, -1.0)), (5, (1.0, 0.0, 0.0))])
+def test_it_reports_how_far_its_tool_has_turned(joint: int, axis: Vector, library: None) -> None:
+    """In its usual posture the first joint's axis points up, the last one's down, and the one before to the right."""
+    device, robot = begun(wrist=0.0)
+    assert device.orientation() == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=1e-12)
+    robot.q[joint] += 0.4
+    device.read()
+    turned = [math.cos(0.2), *(math.sin(0.2) * part for part in axis)]
+    assert device.orientation() == pytest.approx(turned, abs=2e-3)  # the posture's angles have three digits
+
+
+def test_it_moves_a_tool_without_torque(library: None) -> None:
+    device, robot = begun(wrist=0.0)
+    posed = Posed(device, "franka")
+    assert not posed.gives_torque
+    robot.q[6] += 0.4
+    x, _ = posed.read()
+    assert pose(x).quaternion == pytest.approx(device.orientation(), abs=1e-9)
 
 
 def test_its_frame_is_hapnets(library: None) -> None:

@@ -28,6 +28,7 @@ from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka_interface import ControlInterface, StatePace
 from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, ArmState, TorqueBalance, Torques
 from hapnet.installing import install_command
+from hapnet.mechanics.pose import quaternion
 
 _MASS_SHARE = 0.5
 """The smallest mass to declare, as a share of the apparent mass in the lightest direction at the start."""
@@ -99,6 +100,7 @@ class Franka(Driver):
         self.arm: ArmState = self._robot.arm
         self._torques = self._make_torques(self.arm)
         self._origin = self.arm.position
+        self._turned_at_start = self.arm.rotation
         mass = self._robot.mass.reshape(JOINTS, JOINTS)
         mobility = self.arm.linear @ np.linalg.solve(mass, self.arm.linear.T)
         self.smallest_mass: float | None = _MASS_SHARE / float(np.linalg.eigvalsh(mobility)[-1])
@@ -162,6 +164,11 @@ class Franka(Driver):
     def acted(self) -> Vector | None:
         """The force that did the work of the torques that the robot reports."""
         return self._acted
+
+    def orientation(self) -> Vector:
+        """How far the tool has turned since its start, a unit quaternion w, x, y, z."""
+        turned = _OURS @ self.arm.rotation @ self._turned_at_start.T @ _OURS.T
+        return quaternion(turned.tolist())
 
     def interval(self) -> float | None:
         """The time by the robot's clock, so that delayed states are not mistaken for fast motion."""
