@@ -159,6 +159,26 @@ def along_coordinates(x: Sequence[float], force: Sequence[float], torque: Sequen
     return (*[float(part) for part in force], *turned.ravel().tolist())
 
 
+def along_motion(
+    x0: Sequence[float], x1: Sequence[float], force: Sequence[float], torque: Sequence[float], arm_m: float
+) -> Vector:
+    """The smallest force (12,) [N] along the coordinates that does the work of this force [N] on the point's motion
+    from x0 to x1 (12,), and of this torque [Nm] on `turned`."""
+    rods = 0.5 * (arms(x0, arm_m) + arms(x1, arm_m))
+    inverse = np.linalg.inv(np.sum(rods * rods) * np.eye(3) - rods.T @ rods)
+    pushes = np.cross(inverse @ np.asarray(torque, dtype=float), rods)
+    return (*[float(part) for part in force], *pushes.ravel().tolist())
+
+
+def turned(R0: Array, R1: Array) -> Array:
+    """The turn from R0 to R1 (3, 3) as Cayley's vector (3,) [rad], ``2 tan(angle/2)`` long: ``R1 = cay(turned) R0``.
+
+    The ends of the arms move by ``turned x Pm``, Pm their mean from R0 to R1, exactly.
+    """
+    skew = np.linalg.solve((np.eye(3) + R1 @ R0.T).T, 2.0 * (R1 @ R0.T - np.eye(3)).T).T
+    return np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]) / 2.0
+
+
 @equation
 def arm(x: Reals, arm_m: float, j: int) -> tuple[float, float, float]:
     """The arm P_j at x (12,) [m]."""

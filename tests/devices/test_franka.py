@@ -16,7 +16,7 @@ from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka import Franka
 from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, ArmState, Torques
 from hapnet.ext.tools.posed import Posed
-from hapnet.mechanics.pose import pose
+from hapnet.mechanics.pose import AXES, pose
 from tests.support import franka_stand_in as stand_in
 
 NOTHING = np.zeros((3, 3))
@@ -65,10 +65,10 @@ def test_a_torque_beyond_its_limits_is_that_of_a_smaller_force() -> None:
         torque = made.of(here, force, np.zeros(7), mass)
         assert np.max(np.abs(torque - before)) <= 1.0  # 1000 Nm/s
         assert np.all(np.abs(torque) <= TORQUE_LIMIT + 1e-9)
-        assert torque == pytest.approx(here.linear.T @ made.force, abs=1e-9)
+        assert torque == pytest.approx(here.linear.T @ made.wrench[:3], abs=1e-9)
         before, here = torque, here._replace(torque=torque)
         made.acted(here)
-    assert np.cross(made.force, force) == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.cross(made.wrench[:3], force) == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.max(np.abs(torque) / TORQUE_LIMIT) == pytest.approx(1.0)
     unconfirmed = here._replace(torque=torque + 0.5)
     made.acted(unconfirmed)
@@ -273,13 +273,46 @@ def test_it_reports_how_far_its_tool_has_turned(joint: int, axis: Vector, librar
     assert device.orientation() == pytest.approx(turned, abs=2e-3)  # the posture's angles have three digits
 
 
-def test_it_moves_a_tool_without_torque(library: None) -> None:
-    device, robot = begun(wrist=0.0)
-    posed = Posed(device, "franka")
-    assert not posed.gives_torque
-    robot.q[6] += 0.4
+@pytest.mark.parametrize("lossy", [False, True])
+def test_with_a_tool_the_account_has_the_work_of_force_and_torque(lossy: bool, library: None) -> None:
+    """As without one, along the twelve coordinates of the tool's pose."""
+    device, robot = begun()
+    posed = Posed(device, "franka", clock=count().__next__)
+    assert posed.gives_torque
+    rng = np.random.default_rng(4)
+    done = counted = turned = 0.0
     x, _ = posed.read()
-    assert pose(x).quaternion == pytest.approx(device.orientation(), abs=1e-9)
+    start = x
+    for k in range(500):
+        robot.lost = int(lossy and rng.random() < 0.2)
+        wave = np.sin(0.004 * k * np.arange(1.0, 1.0 + AXES))
+        posed.apply(tuple(3.0 * wave - 8.0 * np.subtract(x, start)))
+        q, before = robot.q, robot.reported[-1]
+        now, _ = posed.read()
+        done += max(before @ (robot.q - q), robot.reported[-1] @ (robot.q - q))
+        acted = posed.acted()
+        assert acted is not None
+        counted += float(np.dot(acted, np.subtract(now, x)))
+        x = now
+        turned = max(turned, 2.0 * math.acos(min(1.0, pose(x).quaternion[0])))
+    assert turned > 0.1
+    account = device.account_J
+    assert counted == pytest.approx(done + account.held - account.owed, abs=1e-9)
+    assert account.held >= -LENT_J
+    assert abs(account.owed) < 1e-9
+
+
+def test_a_torque_of_the_scene_takes_the_place_of_the_wrists_spring(library: None) -> None:
+    """Held still by the tests' hand, the joints get J' F + W' T and nothing that turns the tool back."""
+    device, robot = begun(elbow=0.0, wrist=20.0)
+    device.read()
+    wanted = np.array([0.3, 0.5, -0.6, 0.1, -0.05, 0.04])  # within what the torques may change by at once
+    force, torque = device.apply_wrench(tuple(wanted[:3]), tuple(wanted[3:]))
+    assert (*force, *torque) == pytest.approx(tuple(wanted), abs=1e-9)
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    both = stand_in.chain(robot.q)[1]
+    theirs = np.concatenate((R.T @ wanted[:3], R.T @ wanted[3:]))
+    assert robot.sent[-1] == pytest.approx(both.T @ theirs, abs=1e-9)
 
 
 def test_its_frame_is_hapnets(library: None) -> None:

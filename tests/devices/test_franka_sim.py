@@ -8,6 +8,7 @@ is off, as it would measure the machine.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -126,3 +127,22 @@ def test_it_follows_over_4g_and_meets_a_wall_in_the_air(feedback: str, simulator
         assert steps[~released].max() <= most_m * (1.0 + 1e-6)
     assert np.abs(leader.device["force_N"]).max() > 0.1  # of the wall and the arm, at the leader
     assert np.any(robot.world["contact_force_N"]) == (feedback == "force")  # the plane's: the simulator has none
+
+
+def test_in_a_scene_with_a_tool_it_is_turned(simulator: Path, tmp_path: Path) -> None:
+    """Six axes, over 4g: the account has the work of force and torque; what is asserted holds on a busy machine."""
+    sets = [part for one in ("follower.feedback=position", "record_hz=1000") for part in ("--set", one)]
+    argv = ("run", "--follower", "franka:127.0.0.1,realtime=no,speed=1.7", "--scene", "tool:box", *sets)
+    given = ("--operator", "hand-21", "--link", "4g", "--duration", 6, "--json", "-", "--out", tmp_path)
+    with started(*argv, *given) as one:
+        code, stdout, stderr = one.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert_passive(summary)
+    assert abs(summary["world"]["ledger"]["slack_J"]) < 1e-12
+    assert summary["world"]["force"] == "applied"
+    assert "robot has stopped" not in stderr
+    robot = read_recording(tmp_path / "world.mcap").world
+    places = robot["position_m"]
+    assert np.ptp(places[:, :3], axis=0).max() > 0.005
+    assert np.ptp(places[:, 3:], axis=0).max() > 0.04 * math.radians(2.0)  # ends of arms of 40 mm

@@ -26,7 +26,7 @@ from hapnet.checks import Vector
 from hapnet.devices.driver import Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.robots.franka_interface import ControlInterface, StatePace
-from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, ArmState, TorqueBalance, Torques
+from hapnet.ext.robots.franka_torques import JOINTS, LOST_IN_A_ROW, PERIOD_S, ArmState, Array, TorqueBalance, Torques
 from hapnet.installing import install_command
 from hapnet.mechanics.pose import quaternion
 
@@ -47,7 +47,8 @@ class Franka(Driver):
     host : of the robot's Control. axes : which of the tool's axes the scene has, as in `Axes`; the others are held.
     force : the largest at the tool [N]. contact : the external force above which the robot's own reflex ends the motion
     [N]. reach : how far the tool may move from its start along each axis [m], and speed : how fast [m/s]; beyond these
-    the force stops. wrist : stiffness of the spring that holds the tool's orientation [Nm/rad].
+    the force stops. wrist : stiffness of the spring that holds the tool's orientation [Nm/rad]
+    in a scene without a tool.
     elbow : damping of the elbow's motion [Nms/rad]. realtime : refuse a kernel without PREEMPT_RT, as the library does.
     recover : clear the errors of the last motion first. clock : monotonic [s].
 
@@ -90,7 +91,7 @@ class Franka(Driver):
         self.missed: int = 0
         """The number of states of the robot that this program missed because it was late."""
         self._contact, self._recover = contact, recover
-        self._acted: Vector | None = None
+        self._acted: Array | None = None
         if why := self.missing():
             raise HapnetError(f"the robot needs {why}")
         self._pace = StatePace(clock)
@@ -138,7 +139,7 @@ class Franka(Driver):
         self.missed = robot.missed
         self._pace.count(since_s)
         self.arm = robot.arm
-        self._acted = self._taken(self._torques.acted(self.arm)) if robot.controlled else None
+        self._acted = self._torques.acted(self.arm) if robot.controlled else None
         x, v = self._taken(self.arm.position - self._origin), self._taken(self.arm.linear @ self.arm.dq)
         return x, v
 
@@ -147,14 +148,31 @@ class Franka(Driver):
 
         Raises DeviceSilent: the robot cannot be reached.
         """
+        self._hold(force, None)
+        return self._taken(self._torques.wrench[:3]) if self._is_driven else (0.0,) * self.dof
+
+    def apply_wrench(self, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
+        """Hold this force [N] and this torque [Nm], of a scene with a tool; returns them after all limits.
+
+        Raises DeviceSilent: the robot cannot be reached.
+        """
+        self._hold(force, _OURS.T @ np.array(torque))
+        if not self._is_driven:
+            return (0.0,) * self.dof, (0.0,) * 3
+        return self._both(self._torques.wrench)
+
+    @property
+    def _is_driven(self) -> bool:
+        return self._robot.controlled and not self._robot.stopped
+
+    def _hold(self, force: Vector, torque: Any) -> None:
         robot = self._robot
-        if not robot.controlled or robot.stopped:
-            return (0.0,) * self.dof
+        if not self._is_driven:
+            return
         if robot.failed:
             raise DeviceSilent(robot.failed)
         wanted = _OURS.T @ np.array(self._axes.spread(force))
-        robot.write(self._torques.of(self.arm, wanted, robot.coriolis, robot.mass))
-        return self._taken(self._torques.force)
+        robot.write(self._torques.of(self.arm, wanted, robot.coriolis, robot.mass, torque))
 
     @property
     def account_J(self) -> TorqueBalance:
@@ -163,7 +181,11 @@ class Franka(Driver):
 
     def acted(self) -> Vector | None:
         """The force that did the work of the torques that the robot reports."""
-        return self._acted
+        return None if self._acted is None else self._taken(self._acted[:3])
+
+    def acted_wrench(self) -> tuple[Vector, Vector] | None:
+        """The force [N] and the torque [Nm] that did the work of the torques that the robot reports."""
+        return None if self._acted is None else self._both(self._acted)
 
     def orientation(self) -> Vector:
         """How far the tool has turned since its start, a unit quaternion w, x, y, z."""
@@ -186,6 +208,9 @@ class Franka(Driver):
     def close(self) -> None:
         """Reduce the torques to zero at the permitted rate, and finish the motion; the robot then holds its posture."""
         self._robot.end(self._torques.fading)
+
+    def _both(self, wrench: Any) -> tuple[Vector, Vector]:
+        return self._taken(wrench[:3]), tuple((_OURS @ wrench[3:]).tolist())
 
     def _taken(self, theirs: Any) -> Vector:
         return self._axes.take(tuple((_OURS @ theirs).tolist()))

@@ -1,9 +1,10 @@
 """The joint torques of an FR3 for a force at its tool, and the work that they do. No I/O, no clock.
 
-    tau   = J' F + tau_h                       J : of the tool's position, 3 x 7
+    tau   = J' F + W' T + tau_h                J : of the tool's position, 3 x 7; W : of its rotation
     tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) + (k_e n' (q0 - q) - d a) M n / (n' M n) + c
 
 * along axes that the scene does not have, the tool is held where it began (_held);
+* in a scene with a tool the torque T is the scene's; in others it is 0, and the wrist's spring holds the tool;
 * the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
   tool's rotation; w = W dq;
 * the elbow is damped, and pulled back to where it began: n, of length 1, spans the null space of J and W, and
@@ -12,7 +13,7 @@
 
 The account. Between two readings the joints move by dq and the tool by dx. The robot reports the acting torque as
 tau_J_d; of the reports before and after the motion, the one that gave out more energy counts. Its work is that of the
-force that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took in;
+wrench that `acted` returns plus that of tau_h. Dampers and springs with a potential give out no more than they took in;
 c and the elbow's spring may. So tau_h has its own account: near -`LENT_J` springs and c are left out, and a deficit is
 charged to the force. If the tool moves too little to assign all the work to a force, the rest is owed and counted in
 the next readings.
@@ -27,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapnet.ext.robots.joint_torques import paid, share
+from hapnet.mechanics.pose import ARM_M, turned
 
 Array = NDArray[np.float64]
 
@@ -50,6 +52,9 @@ MOST_OWED_N = 2.0
 
 ELBOW_PER_S = 5.0
 """The ratio of the elbow's spring k_e [Nm/rad] to its damper [Nms/rad]."""
+
+_PER_NM = 1.0 / (2.0**0.5 * ARM_M)
+"""A torque counts as the force that makes it along a pose's coordinates [1/m]."""
 
 _WRIST_DAMPING_S = 0.08
 _SAME_NM = 1e-3
@@ -79,10 +84,10 @@ class ArmState(NamedTuple):
 
 
 class _Command(NamedTuple):
-    """A command: the torque that was sent [Nm], its force [N] and its holding torque [Nm]."""
+    """A command: the torques that were sent [Nm], their wrench (6,) [N and Nm] and the holding torques [Nm]."""
 
     torque: Array
-    force: Array
+    wrench: Array
     hold: Array
 
 
@@ -95,18 +100,22 @@ class TorqueBalance(NamedTuple):
 
 
 class Torques:
-    """Torques for a force, with their account.
+    """Torques for a wrench, with their account.
 
     start : where the tool begins. held : projection on the axes that the scene does not have (3, 3). wrist [Nm/rad] and
     elbow [Nms/rad] : see above.
+
+    Attributes
+    ----------
+    wrench : the force [N] and the torque [Nm] that were sent last, after all limits (6,).
     """
 
     def __init__(self, start: ArmState, held: Array, wrist: float, elbow: float) -> None:
         self._start, self._held, self._wrist, self._elbow = start, held, wrist, elbow
         self._before = start
-        self.force: Array = np.zeros(3)
-        """The force that was sent last, after all limits [N]."""
-        nothing = _Command(np.zeros(JOINTS), np.zeros(3), np.zeros(JOINTS))
+        self.wrench: Array = np.zeros(6)
+        self._turns = False
+        nothing = _Command(np.zeros(JOINTS), np.zeros(6), np.zeros(JOINTS))
         self._open = deque([nothing], LOST_IN_A_ROW)  # the command that the robot reported, and later ones
         self._held_J = self._owed_J = 0.0
 
@@ -114,21 +123,27 @@ class Torques:
     def account(self) -> TorqueBalance:
         return TorqueBalance(self._held_J, self._owed_J)
 
-    def of(self, arm: ArmState, force: Array, coriolis: Array, mass: Array) -> Array:
-        """The torques (7,) to send in the state `arm` for `force` (3,) [N]; mass : M, 7 x 7 row by row."""
-        push = arm.linear.T @ force
+    def of(self, arm: ArmState, force: Array, coriolis: Array, mass: Array, torque: Array | None = None) -> Array:
+        """The torques (7,) to send in the state `arm` for `force` (3,) [N]; mass : M, 7 x 7 row by row.
+
+        torque : the scene's at the tool (3,) [Nm]; None: the wrist's spring holds the tool.
+        """
+        self._turns = torque is not None
+        wrench = np.concatenate((force, np.zeros(3) if torque is None else torque))
+        both = np.vstack((arm.linear, arm.angular))
+        push = both.T @ wrench
         hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
         most = share(push.tolist(), hold.tolist(), TORQUE_LIMIT.tolist())
-        torque, part = self._towards(hold + most * push, arm.torque)
-        self.force = self.force + part * (most * force - self.force)
-        self._open.append(_Command(torque, self.force, torque - arm.linear.T @ self.force))
-        return torque
+        sent, part = self._towards(hold + most * push, arm.torque)
+        self.wrench = self.wrench + part * (most * wrench - self.wrench)
+        self._open.append(_Command(sent, self.wrench, sent - both.T @ self.wrench))
+        return sent
 
     def fading(self, arm: ArmState) -> Array:
         """The torques to send in the state `arm` while all torques are reduced to zero."""
         self.acted(arm)
         torque, _ = self._towards(np.zeros(JOINTS), arm.torque)
-        self._open.append(_Command(torque, np.zeros(3), torque))
+        self._open.append(_Command(torque, np.zeros(6), torque))
         return torque
 
     def _towards(self, wanted: Array, reported: Array) -> tuple[Array, float]:
@@ -140,23 +155,30 @@ class Torques:
         return sent + part * step, part
 
     def acted(self, arm: ArmState) -> Array:
-        """The force (3,) [N] that acted since the last state."""
+        """The wrench (6,) [N and Nm] that acted since the last state, on the tool's motion and its turn.
+
+        The turn is that of `hapnet.mechanics.pose.turned`; the torque is 0 where the wrist's spring holds the tool.
+        """
         before, self._before = self._before, arm
         joints, moved = arm.q - before.q, arm.position - before.position
-        torque, (_, force, hold) = before.torque, self._open[0]
+        moved = np.concatenate((moved, turned(before.rotation, arm.rotation) if self._turns else np.zeros(3)))
+        torque, (_, wrench, hold) = before.torque, self._open[0]
         same = [bool(np.max(np.abs(arm.torque - one.torque)) < _SAME_NM) for one in self._open]
         for _ in range(len(same) - 1 - same[::-1].index(True) if any(same) else 0):
             self._open.popleft()
         if arm.torque @ joints > torque @ joints:
-            torque, (_, force, hold) = arm.torque, self._open[0]
+            torque, (_, wrench, hold) = arm.torque, self._open[0]
         self._held_J -= float(hold @ joints)
-        self._owed_J += float(torque @ joints - hold @ joints - force @ moved)
+        self._owed_J += float(torque @ joints - hold @ joints - wrench @ moved)
         if self._held_J < -LENT_J:
             self._owed_J -= self._held_J + LENT_J
             self._held_J = -LENT_J
-        moved = moved - self._held @ moved  # no force is rendered along the held axes
-        acted, self._owed_J = paid(self._owed_J, tuple(force.tolist()), tuple(moved.tolist()), MOST_OWED_N)
-        return np.array(acted)
+        moved[:3] -= self._held @ moved[:3]  # no force is rendered along the held axes
+        scale = np.array([1.0] * 3 + [_PER_NM] * 3)
+        force, way = tuple((wrench * scale).tolist()), tuple((moved / scale).tolist())
+        acted, self._owed_J = paid(self._owed_J, force, way, MOST_OWED_N)
+        found: Array = np.array(acted) / scale
+        return found
 
     def _holding(self, arm: ArmState, coriolis: Array, mass: Array) -> Array:
         velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq
@@ -166,12 +188,13 @@ class Torques:
         torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along
         back = ELBOW_PER_S * self._elbow * float(null @ (self._start.q - arm.q)) / inertia
         torque = torque - arm.linear.T @ (HELD_DAMPING * self._held @ velocity)
-        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * self._wrist * turning)
+        wrist = 0.0 if self._turns else self._wrist
+        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * wrist * turning)
         if self._held_J <= -0.5 * LENT_J:
             return torque
         away = self._held @ (self._start.position - arm.position)
-        turned = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
-        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (self._wrist * turned) + back * along
+        off = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
+        pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (wrist * off) + back * along
         return torque + pull + coriolis
 
 

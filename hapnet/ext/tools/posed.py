@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates, coordinates, wrench
+from hapnet.mechanics.pose import ARM_M, AXES, along_coordinates, along_motion, coordinates, wrench
 from hapnet.units import POSE
 
 _FARTHEST = 2.5
@@ -49,6 +49,7 @@ class Posed:
         self._device, self._clock, self._arm_m = device, clock, arm_m
         self.gives_torque: bool = callable(getattr(device, "apply_wrench", None))
         self._x: Vector = ()
+        self._x_before: Vector = ()
         self._at_s = 0.0
 
     def __getattr__(self, name: str) -> Any:
@@ -71,7 +72,7 @@ class Posed:
         turned: Vector = (0.0,) * (AXES - 3)
         if self._x and (span := self._interval() or now - self._at_s) > 0.0:
             turned = tuple([(new - old) / span for new, old in zip(x[3:], self._x[3:], strict=True)])
-        self._x, self._at_s = x, now
+        self._x_before, self._x, self._at_s = self._x, x, now
         return x, (*velocity, *turned)
 
     def _interval(self) -> float | None:
@@ -98,10 +99,19 @@ class Posed:
         return
 
     def acted(self) -> Vector | None:
-        """The force that acted between the last two readings (12,) [N], if a device without torque reports it."""
-        found: Any = getattr(self._device, "acted", None)
-        force = None if found is None or self.gives_torque else found()
-        return None if force is None else (*force, *(0.0,) * (AXES - 3))
+        """The force that acted between the last two readings (12,) [N], if the device reports it.
+
+        It does the work of the device's force on the point's motion, and of its torque on the turn
+        (`hapnet.mechanics.pose.turned`).
+        """
+        found: Any = getattr(self._device, "acted_wrench" if self.gives_torque else "acted", None)
+        acted = None if found is None else found()
+        if acted is None:
+            return None
+        if self.gives_torque:
+            force, torque = acted
+            return along_motion(self._x_before or self._x, self._x, force, torque, self._arm_m)
+        return (*acted, *(0.0,) * (AXES - 3))
 
     def vibrate(self, force: Vector) -> None:
         """Take the part of the force that grains make [N]."""
