@@ -15,7 +15,7 @@ from hapnet.params import Params
 K, FAR, MASS = 100.0, 500.0, 0.02
 SPRINGS: dict[str, object] = {"device.stiffness": K, "world.stiffness": FAR, "world.mass": MASS}
 TURN = 2.0 * ARM_M**2
-"""Of a spring along the coordinates in N/m, the same in Nm/rad; of a mass at the arms' ends, the moment of inertia."""
+"""Of a spring along the coordinates in N/m, the same in Nm/rad."""
 
 BOX = "tool:box?size=120mm,60mm,40mm"
 TABLE = "plane?normal=0,0,-1&at=0,0,-30mm"
@@ -34,9 +34,9 @@ def in_series(solid: complex, near: float = K, far: float = FAR) -> complex:
 def test_a_free_tool_is_its_mass_and_its_inertia(hz: float) -> None:
     s = 2j * math.pi * hz
     assert truth(BOX, "along-y", hz) == pytest.approx(in_series(MASS * s * s), rel=1e-6)
-    about = {  # of a box, m (a^2 + b^2)/12, but at least that of the mass at the arms' ends
-        "about-x": max(TURN * MASS, MASS * (0.06**2 + 0.04**2) / 12.0),
-        "about-z": max(TURN * MASS, MASS * (0.12**2 + 0.06**2) / 12.0),
+    about = {  # of a box, m (a^2 + b^2)/12
+        "about-x": MASS * (0.06**2 + 0.04**2) / 12.0,
+        "about-z": MASS * (0.12**2 + 0.06**2) / 12.0,
     }
     for motion, inertia in about.items():
         assert truth(BOX, motion, hz) == pytest.approx(in_series(inertia * s * s, TURN * K, TURN * FAR), rel=1e-6)
@@ -52,7 +52,7 @@ def test_a_box_on_a_table_stands_on_its_corners(hz: float) -> None:
     solid = 4.0 * (KW + BW * s) + MASS * s * s
     assert truth(scene, "along-z", hz) == pytest.approx(in_series(solid), rel=1e-6)
     pressed_N = 0.01 / (1.0 / FAR + 1.0 / (4.0 * KW))
-    inertia = max(TURN * MASS, MASS * (0.06**2 + 0.04**2) / 12.0)
+    inertia = MASS * (0.06**2 + 0.04**2) / 12.0
     tipping = 4.0 * 0.03**2 * (KW + BW * s) + inertia * s * s - pressed_N * 0.02
     assert truth(scene, "about-x", hz) == pytest.approx(in_series(tipping, TURN * K, TURN * FAR), rel=1e-3)
     assert truth(scene, "about-z", hz) == pytest.approx(truth(BOX, "about-z", hz), abs=1e-6)
@@ -61,9 +61,10 @@ def test_a_box_on_a_table_stands_on_its_corners(hz: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["along-x", "about-y"])
 def test_a_held_spring_transmits_mass_and_inertia_as_theory_says(motion: str) -> None:
-    """``K (1 - H exp(-j w t)) + j w B`` as for a wall, with ``H = K'/(K' + j w B' - M w^2)``, and in rotation all
-    of it times 2 l^2, as the box's inertia is that of the arms' ends."""
-    damping, scale = 14.0, TURN if motion.startswith("about") else 1.0
+    """``K (1 - H exp(-j w t)) + j w B`` as for a wall, with ``H = K'/(K' + j w B' - M w^2)``; in rotation springs and
+    dampers are 2 l^2 of these, and the inertia is that of a box of 40 x 30 x 20 mm about its middle axis."""
+    damping = 14.0
+    scale, inertia = (TURN, MASS * (0.04**2 + 0.02**2) / 12.0) if motion.startswith("about") else (1.0, MASS)
     quick = {
         "world.step_min_s": 0.002, "world.step_max_s": 0.002, "device.pspm_period_s": 0.001,
         "device.step_limit_N": 0.0, "world.step_limit_N": 0.0, "device.damping": 0.1, "world.damping": damping,
@@ -73,7 +74,7 @@ def test_a_held_spring_transmits_mass_and_inertia_as_theory_says(motion: str) ->
     assert found.turns == motion.startswith("about")
     for line in found.lines:
         s = 2j * math.pi * line.frequency_hz
-        H = FAR / (FAR + s * damping + MASS * s * s)
+        H = scale * FAR / (scale * (FAR + s * damping) + inertia * s * s)
         theory = scale * (K * (1.0 - H * cmath.exp(-s * 0.042)) + 0.1 * s)
         assert line.impedance == pytest.approx(theory, rel=0.03)
 

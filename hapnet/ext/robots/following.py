@@ -23,7 +23,7 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.devices.driver import Driver
 from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter
-from hapnet.ext.engines.engine_world import EngineMass
+from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.robots.follower import Robot, RobotScene
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
@@ -169,7 +169,9 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
     robot, held = params.follower, ROBOT.is_held(params, spec)
 
     def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
-        body: Mass | None = scene.proxy(robot.mass, damping, stiffness)
+        # a robot that turns a tool has its mass along all coordinates, as a handle has: its damping is held for a tick
+        turns = scene.units == POSE and not isinstance(scene, EngineWorld)
+        body: Mass | None = scene.proxy((robot.mass,) * scene.dof if turns else robot.mass, damping, stiffness)
         if body is None:
             body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
         engine = isinstance(body, EngineMass)  # it has its own damping

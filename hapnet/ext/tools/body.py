@@ -3,17 +3,26 @@
 With the arms P_j, the mean velocity u of the point, the mean angular velocity w and the arms in the middle of the step,
 ``Pm_j = (P_j(0) + P_j(1))/2``,
 
-    m (v1 - v0)/T = F,    (R1 I W1 - R0 I W0)/T = sum Pm_j x f_j,    w = R0 (W0 + W1)/2,    R1 = cay(T w) R0
+    m (v1 - v0)/T = F,    (R1 I W1 - R0 I W0)/T = sum Pm_j x f_j,    w = R0 (W0 + a (W1 - W0)),    R1 = cay(T w) R0
 
-where W is the angular velocity in the body's axes, in which I is diagonal, and cay the Cayley transform, for which
-``P_j(1) - P_j(0) = T w x Pm_j`` holds exactly. As R1 w and R0 w are the same, w times the second equation is
+where W is the angular velocity in the body's axes, in which I is diagonal, cay the Cayley transform, for which
+``P_j(1) - P_j(0) = T w x Pm_j`` holds exactly, and a a weight from 1/2 to 1 for each of the body's axes. As R1' w and
+R0' w are the same, w times the second equation is
 
-    (W1 . I W1 - W0 . I W0)/2 = T sum f_j . (w x Pm_j) = f . (x1 - x0)
+    (W1 . I W1 - W0 . I W0)/2 + (W1 - W0) . (a - 1/2) I (W1 - W0) = T sum f_j . (w x Pm_j) = f . (x1 - x0)
 
-so a step neither makes nor loses energy for any force f (12,), and a free body keeps its angular momentum R I W
-(Simo, Wong, Int. J. Numer. Meth. Engng 31, 1991). A spring K and a damper B along the coordinates act at the middle:
-``f = push - K (xm - y) - B (x1 - x0)/T``. So do planes that touch points of the body: a point moves as the coordinates
-do, ``p = c + sum a_j P_j/l``, so a plane's law of its depth (`hapnet.plant.worlds.coupled`) is one of the coordinates.
+so a step makes no energy for any force f (12,), and what it loses is known; a free body keeps its angular momentum
+R I W. With a = 1/2 it loses none (Simo, Wong, Int. J. Numer. Meth. Engng 31, 1991), but a damper that would stop the
+spin within the step then reverses it instead, in every step. With z = b T/I, for a damper of b [Nms/rad], and
+
+    a = 1/(1 - exp(-z)) - 1/z                                        1/2 + z/12 - ... , and nearly 1 - 1/z if z is large
+
+the spin of a body that a damper and a constant torque act on is the exact one, ``W1 = exp(-z) W0 + ...``, and so is its
+turn (exponential fitting: Liniger, Willoughby, SIAM J. Numer. Anal. 7, 1970). See `weigh`.
+
+A spring K and a damper B along the coordinates act at the middle: ``f = push - K (xm - y) - B (x1 - x0)/T``. So do
+planes that touch points of the body: a point moves as the coordinates do, ``p = c + sum a_j P_j/l``, so a plane's law
+of its depth (`hapnet.plant.worlds.coupled`) is one of the coordinates.
 
 The point c is the centre of mass, and the arms lie along the principal axes. Newton's method finds u and w; if it does
 not converge, the caller should halve the step. The step itself stands in `body_step.py`.
@@ -21,6 +30,7 @@ not converge, the caller should halve the step. The step itself stands in `body_
 
 from __future__ import annotations
 
+from math import expm1
 from typing import Annotated
 
 from hapnet import checks
@@ -30,6 +40,9 @@ from hapnet.records.record import FloatRows, Floats, Reals, Record, equation
 
 MOST = 128
 """The greatest number of planes in a step."""
+
+_FEW = 0.01
+"""Below, a series of `weight` is exact to rounding, and its formula would lose digits."""
 
 
 class Touched(Record):
@@ -60,12 +73,13 @@ class RigidBody(Record):
 
     mass : m [kg]. inertia : I about the arms' axes [kg m^2]. arm_m : l. x : the coordinates [m]. stiffness [N/m],
     damping [Ns/m] : K and B of the spring that holds it, along the point's coordinates; arms_... : along the arms'.
-    velocity : of the point [m/s]. spin : W, in the body's axes [rad/s].
+    velocity : of the point [m/s]. spin : W, in the body's axes [rad/s]. gains : 1/a for each axis, 2 by default.
 
     Attributes
     ----------
     v : velocity of the coordinates at x [m/s]. mean : their mean velocity in the last step [m/s].
-    middle : of the coordinates in it [m]. w : the mean angular velocity [rad/s]. rounds : of the last step.
+    middle : of the coordinates in it [m]. w : the mean angular velocity [rad/s]. lost : energy that the spin lost in it
+    beside what the forces took [J]. rounds : of the last step.
     """
 
     mass: float
@@ -78,10 +92,12 @@ class RigidBody(Record):
     x: OfPose
     velocity: Of3
     spin: Of3
+    gains: Of3
     v: OfPose
     mean: OfPose
     middle: OfPose
     w: Of3
+    lost: float
     rounds: int
     ends: OfPose
     spun: Of3
@@ -96,6 +112,7 @@ class RigidBody(Record):
         self.inertia = [checks.positive("inertia", moment) for moment in checks.vector("inertia", inertia, 3)]
         self.arm_m = checks.positive("arm_m", arm_m)
         self.x, self.middle = list(checks.vector("position", x, AXES)), list(x)
+        self.gains = [2.0] * 3
 
     @property
     def kinetic(self) -> float:
@@ -111,6 +128,20 @@ class RigidBody(Record):
         """Set the spring and damper that hold it, as for the attributes."""
         self.stiffness, self.damping = stiffness, damping
         self.arms_stiffness, self.arms_damping = arms_stiffness, arms_damping
+
+
+def weigh(body: RigidBody, dt: float) -> None:
+    """Choose the weights a of steps of `dt` [s] for the damper that holds the body now: the spin then never reverses
+    because the damper is stiff."""
+    per_inertia = 2.0 * body.arms_damping * body.arm_m * body.arm_m * dt
+    body.gains[:] = [1.0 / weight(per_inertia / moment) for moment in body.inertia]
+
+
+def weight(z: float) -> float:
+    """``1/(1 - exp(-z)) - 1/z``, which grows from 1/2 to 1; z is 0 or above."""
+    if z < _FEW:
+        return 0.5 + z / 12.0 - z * z * z / 720.0  # the next term is z^5/30240
+    return -1.0 / expm1(-z) - 1.0 / z
 
 
 @equation

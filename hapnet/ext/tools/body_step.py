@@ -111,7 +111,7 @@ def _balance(body: RigidBody, dt: float, push: Reals, y: Reals, planes: Touched)
         for i in range(3):
             body.ended[i] = body.ended[i] + share * reach * body.spun[j] * end[i]
             for k in range(3):
-                rows[3 + i][3 + k] = rows[3 + i][3 + k] + gain * share * end[i] * start[k]
+                rows[3 + i][3 + k] = rows[3 + i][3 + k] + body.gains[j] / dt * share * end[i] * start[k]
     for i in range(3):
         rows[3 + i][DOF] = (body.begun[i] - body.ended[i]) / dt
     _addcross(rows, body.ended, -1.0)
@@ -151,11 +151,12 @@ def _add_friction(body: RigidBody, planes: Touched, dt: float) -> None:
 
 @equation
 def _spin_on(body: RigidBody) -> None:
-    """W1 into `spun`: ``2 R0' w - W0``."""
+    """W1 into `spun`: ``W0 + (R0' w - W0)/a``."""
     w = body.w
     for j in range(3):
         p, q, r = arm(body.x, body.arm_m, j)
-        body.spun[j] = 2.0 * (w[0] * p + w[1] * q + w[2] * r) / body.arm_m - body.spin[j]
+        gain = body.gains[j]
+        body.spun[j] = gain * (w[0] * p + w[1] * q + w[2] * r) / body.arm_m - (gain - 1.0) * body.spin[j]
 
 
 @equation
@@ -303,7 +304,10 @@ def _arrive(body: RigidBody, dt: float) -> None:
     x, u, w = body.x, body.mean, body.w
     turn(body, dt, w)
     _spin_on(body)
+    body.lost = 0.0
     for i in range(3):
+        more, gain = body.spun[i] - body.spin[i], body.gains[i]
+        body.lost += (1.0 / gain - 0.5) * body.inertia[i] * more * more
         body.middle[i] = x[i] + 0.5 * dt * u[i]
         x[i] = x[i] + dt * u[i]
         body.velocity[i] = 2.0 * u[i] - body.velocity[i]

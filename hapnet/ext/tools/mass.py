@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Vector
 from hapnet.errors import HapnetError, InvalidParameter
-from hapnet.ext.tools.body import RigidBody, settle
+from hapnet.ext.tools.body import RigidBody, settle, weigh
 from hapnet.ext.tools.contacts import ToolContacts
 from hapnet.mechanics.contacts import Mass, Step, Surroundings, doing
 from hapnet.mechanics.pose import AXES, nearest
@@ -18,11 +20,24 @@ HALVINGS = 12
 that friction stops is stopped in time."""
 
 
-class ToolMass(Mass):
-    """A tool among its solids, moved by the step of `hapnet.ext.tools.body`, which obeys (13) for any length.
+class _Moved(NamedTuple):
+    """The result of a step."""
 
-    mass [kg] : a number. damping B' [Ns/m], stiffness K' [N/m] : a number for all coordinates, or one for each: one
-        number for the point's, and one for the arms'. position : the pose (12,) [m] in which it starts at rest.
+    force: Vector  #: of the solids, mean (12,) [N]
+    work_J: float  #: of that force
+    damped_J: float  #: lost in the damper
+    spin_J: float  #: lost by the spin beside that
+    pull: Vector  #: of spring, damper and push, mean (12,) [N]
+
+
+class ToolMass(Mass):
+    """A tool among its solids, moved by the step of `hapnet.ext.tools.body`, which obeys (13) for any length; the
+    energy that it dissipates is that of the damper, and what a stiff damper takes of the spin within the step.
+
+    mass [kg] : a number: the tool's; or one for each coordinate: of a robot that carries it, whose inertia is
+        ``2 m l^2`` about every axis. damping B' [Ns/m], stiffness K' [N/m] : a number for all coordinates, or one for
+        each. Of numbers for each one is for the point's coordinates, and one for the arms'. position : the pose (12,)
+        [m] in which it starts at rest.
 
     Raises InvalidParameter: a value is not allowed.
     """
@@ -33,10 +48,9 @@ class ToolMass(Mass):
         self.contacts = contacts
         (K, K_arms), (B, B_arms) = _pair("stiffness", stiffness), _pair("damping", damping)
         self._own = K, B, K_arms, B_arms
-        m, tool, arm_m = _number("mass", mass), contacts.tool, contacts.arm_m
-        a, b, c = (length * length for length in tool.size)
-        least = 2.0 * m * arm_m * arm_m  # with less, the world's damper makes the spin change its sign in each step
-        inertia = tool.inertia or tuple([max(least, m / 12.0 * moment) for moment in (b + c, a + c, a + b)])
+        (m, m_arms), arm_m = _pair("mass", mass), contacts.arm_m
+        carried = np.ndim(mass) > 0
+        inertia = (2.0 * m_arms * arm_m * arm_m,) * 3 if carried else contacts.tool.inertia_of(m)
         self.body = RigidBody(m, inertia, position, arm_m)
         settle(self.body)
         self._hold(*self._own)
@@ -100,38 +114,46 @@ class ToolMass(Mass):
     def _step(self, dt: float, ybar: Vector, push: Vector) -> Step:
         """Step with the spring and damper that hold the tool to `ybar`, and under `push`."""
         begun, before = self.position, self._potential(ybar)
-        force, work, lost, pull = self._advance(dt, ybar, push, HALVINGS)
-        self._touched = any(force)
+        done = self._advance(dt, ybar, push, HALVINGS)
+        self._touched = any(done.force)
         moved = [end - begin for begin, end in zip(begun, self.body.x, strict=True)]
         velocity = tuple([part / dt for part in moved])
-        force = doing(work, force, moved)  # if the step was cut: the mean force that does the same work
-        pull = doing(inner(push, moved) + before - self._potential(ybar) - lost, pull, moved)
+        force = doing(done.work_J, done.force, moved)  # if the step was cut: the mean force that does the same work
+        pull = doing(inner(push, moved) + before - self._potential(ybar) - done.damped_J, done.pull, moved)
         self.contacts.at = end = self.position
-        return Step(velocity, force, work, lost, pull, end, self.contacts.penetration(end))
+        lost = done.damped_J + done.spin_J
+        return Step(velocity, force, done.work_J, lost, pull, end, self.contacts.penetration(end))
 
     def _potential(self, ybar: Vector) -> float:
         """The spring's energy phi [J]."""
         return 0.5 * added([k * (x - y) * (x - y) for k, x, y in zip(self._K, self.body.x, ybar, strict=True)])
 
-    def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> tuple[Vector, float, float, Vector]:
-        """Step; returns the solids' force (12,) [N] and work [J], the damper's loss [J], and the coupling's force."""
+    def _advance(self, dt: float, ybar: Vector, push: Vector, halvings: int) -> _Moved:
+        """Step, in halves if it is not found at once."""
         body = self.body
+        weigh(body, dt)
         found = self.contacts.move(body, dt, ybar, push, halvings > 0)
         if found is None:
             if not halvings:
                 raise HapnetError(f"no step of {dt:g} s was found for the tool")
             first = self._advance(0.5 * dt, ybar, push, halvings - 1)
             second = self._advance(0.5 * dt, ybar, push, halvings - 1)
-            f, pull = (
-                tuple([0.5 * (a + b) for a, b in zip(first[k], second[k], strict=True)])  # type: ignore[arg-type]
-                for k in (0, 3)
+            return _Moved(
+                _mean(first.force, second.force),
+                first.work_J + second.work_J,
+                first.damped_J + second.damped_J,
+                first.spin_J + second.spin_J,
+                _mean(first.pull, second.pull),
             )
-            return f, first[1] + second[1], first[2] + second[2], pull
         mean, middle = body.mean, body.middle
         damper = [b * v for b, v in zip(self._B, mean, strict=True)]
         spring = [k * (x - y) for k, x, y in zip(self._K, middle, ybar, strict=True)]
         pull = tuple([given - a - b for given, a, b in zip(push, damper, spring, strict=True)])
-        return found[0], found[1], dt * inner(damper, mean), pull
+        return _Moved(found[0], found[1], dt * inner(damper, mean), body.lost, pull)
+
+
+def _mean(one: Vector, other: Vector) -> Vector:
+    return tuple([0.5 * (a + b) for a, b in zip(one, other, strict=True)])
 
 
 def _pair(name: str, value: ArrayLike) -> tuple[float, float]:

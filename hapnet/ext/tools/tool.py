@@ -22,8 +22,7 @@ class Tool:
 
     points : of its surface, (N, 3) [m] from the centre: only these touch. size : of the box that is drawn [m].
     round : whether it is a cylinder along z instead. closed : whether solids' edges touch its faces, too.
-    inertia : about its axes (3,) [kg m^2]; None: that of a box of this size with the world's virtual mass, but at least
-        that of this mass at the ends of the pose's arms, so that its spin settles in the world's long steps.
+    inertia : about its axes (3,) [kg m^2]; None: that of a uniform box or cylinder of this size.
 
     Raises InvalidParameter.
     """
@@ -42,6 +41,16 @@ class Tool:
             checks.vector("points", point, 3)
         for length in checks.vector("size", self.size, 3):
             checks.positive("size", length)
+
+    def inertia_of(self, mass: float) -> Vector:
+        """Its inertia about its axes (3,) [kg m^2] with this mass [kg]."""
+        if self.inertia is not None:
+            return self.inertia
+        a, b, c = (length * length for length in self.size)
+        if self.round:  # m (3 r^2 + c^2)/12 across and m r^2/2 along, r = a/2
+            across = mass * (0.75 * a + c) / 12.0
+            return (across, across, 0.125 * mass * a)
+        return (mass * (b + c) / 12.0, mass * (a + c) / 12.0, mass * (a + b) / 12.0)
 
     @property
     def form(self) -> Shape | None:

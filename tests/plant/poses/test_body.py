@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from hapnet.checks import Array
-from hapnet.ext.tools.body import RigidBody, Touched, settle
+from hapnet.ext.tools.body import RigidBody, Touched, settle, weigh
 from hapnet.ext.tools.body_step import step
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
@@ -102,8 +102,10 @@ def test_a_free_spin_keeps_momentum_and_energy(ticks: int) -> None:
 STILL_POSE = (0.0,) * AXES
 
 
-def test_beside_eulers_equations() -> None:
-    """scipy's DOP853 on the quaternion and Euler's equations, with a torque that the held force makes: second order."""
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_beside_eulers_equations(damping: float) -> None:
+    """scipy's DOP853 on the quaternion and Euler's equations, with a torque that the held force makes: second order,
+    with a damper, too (of 2 to 8 1/s)."""
     spin, push = np.array([3.0, -5.0, 4.0]), np.zeros(AXES)
     push[3:] = np.random.default_rng(5).normal(0.0, 1e-3, 9)
     inertia = np.array(INERTIA)
@@ -118,7 +120,7 @@ def test_beside_eulers_equations() -> None:
             [
                 0.5 * (w * W + np.cross(v, W)),
                 [-0.5 * float(v @ W)],
-                (R.T @ torque - np.cross(W, inertia * W)) / inertia,
+                (R.T @ torque - 2.0 * damping * ARM_M**2 * W - np.cross(W, inertia * W)) / inertia,
             ]
         )
 
@@ -127,6 +129,8 @@ def test_beside_eulers_equations() -> None:
     errors = []
     for n in (500, 2000):
         body = body_at(STILL_POSE, np.zeros(3), spin)
+        body.hold(0.0, damping, 0.0, damping)
+        weigh(body, 0.5 / n)
         for _ in range(n):
             assert step(body, 0.5 / n, push.tolist(), STILL, NO_PLANES)
         errors.append((Rotation.from_matrix(poses.rotation(body.x)) * expected.inv()).magnitude())

@@ -71,9 +71,10 @@ def test_every_step_obeys_13_and_the_solids_give_nothing(
             moved = dt * np.array(step.velocity)
             assert step.work_J - step.dissipated_J == pytest.approx(after - before, abs=3e-15 + 1e-15 * before)
             assert step.work_J == pytest.approx(float(np.dot(step.force, moved)), abs=1e-12)
-            assert float(np.dot(step.coupling_force, moved)) == pytest.approx(
-                spring_J(begun(mass, moved), y) - spring_J(mass.position, y) - step.dissipated_J, abs=1e-12
-            )
+            damped = spring_J(begun(mass, moved), y) - spring_J(mass.position, y) - np.dot(step.coupling_force, moved)
+            # the mean velocity dissipates least; beside the damper only the spin loses energy
+            assert B * float(moved @ moved) / dt <= damped + 1e-12
+            assert damped <= step.dissipated_J + 1e-12
             held = mass.contacts.stored_J(mass.position)
             assert held <= stored - step.work_J + 1e-15
             stored = held
