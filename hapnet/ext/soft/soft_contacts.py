@@ -37,7 +37,10 @@ NODE_N_PER_M = 500.0
 TOLERANCE = 0.01
 """Relative tolerance of the linear solve."""
 
-_SOLVES = 8
+_SOLVES, _NEWTON, _CAREFUL = 8, 2, 5
+"""The most solves in a step; the first of them in which points that slide have dampers, and in which all have: those
+take energy, so E_c need not pay."""
+
 _FAR_M = 3e-4
 """If a node moves farther than expected by more than this, the body's rotations are computed again."""
 
@@ -115,8 +118,9 @@ class SoftContacts(Surroundings):
             self.damping[-many:] = [solid.damping for solid in solids]
         self.q: Array = np.zeros(count)
         self._stiffen()
-        self.drag: Array = np.zeros(count)  # c_t
         self.forces: Array = np.zeros((count, 3))  # on the points [N]
+        self.rho: Array = np.zeros((count, 3))  # of the last step
+        self.normals: Array = np.zeros((count, 3))
         self.centre: Array = np.zeros(3)  # of the ball, after the last step
         self.rest, self.outward_at_rest = self.places(body.x), self.outward()
         self._outward = self.outward_at_rest
@@ -297,19 +301,21 @@ class SoftContacts(Surroundings):
         self._outward = self.outward()
         touch = ContactEquations(self, dt, self._near(depths, points, travel, place, dt * free), free, compliance)
         touch.place(points, depths, place)
-        mean, forces, self.rounds = body.mean, self.forces[touch.points], 0
-        expected, is_far = mean, False
+        mean, forces, rho, self.rounds = body.mean, self.forces[touch.points], self.rho[touch.points], 0
+        expected, is_far, rubbed = mean, False, 0.0
         for turn in range(_SOLVES):
-            settled = touch.settle(mean, forces)
+            damps = int(turn >= _NEWTON) + int(turn >= _CAREFUL)
+            settled = touch.settle(mean, forces, damps)
             if turn and (is_far := dt * float(np.abs(mean - expected).max()) > _FAR_M):
                 b = body.push(dt, mean)
-            if settled is None and not is_far:
+            if settled is None and not is_far and (damps > 1 or self.reservoir_J + rubbed >= 0.0):
                 break
             expected, guess = mean, mean if settled is None else mean + touch.spread(settled - forces)
             mean, rounds = conjugate_gradients(touch.apply, touch.precondition, b + touch.load, guess, self.tolerance)
             ball = touch.ball(mean)
             rho = touch.rho(ball, mean)
             forces = touch.forces(rho)
+            rubbed = dt * touch.rubbed_W(rho, forces)
             self.rounds += rounds
         self._finish(dt, touch, mean, rho, forces)
         return touch.on_ball(forces), ball
@@ -332,14 +338,13 @@ class SoftContacts(Surroundings):
         """Compute body and springs at the step's end, and the dissipated energy."""
         body = self.body
         along = (touch.normals * rho).sum(axis=1)
-        slip = (rho * rho).sum(axis=1) - along * along
         dissipated = dt * (
             body.beta_s * float((mean * body.stiffness(mean)).sum())
             + float((self.damping[touch.points] * touch.theta) @ (along * along))
-            + float(touch.drag @ slip)
+            + touch.rubbed_W(rho, forces)
         )
         self.q[touch.points] += dt * touch.theta * along
-        for kept, new in ((self.forces, forces), (self.drag, touch.next_drag(rho, forces))):
+        for kept, new in ((self.forces, forces), (self.rho, rho), (self.normals, touch.normals)):
             kept[:] = 0.0
             kept[touch.points] = new
         if body.free == len(body.x) and not forces.any() and not self.q.any():

@@ -3,11 +3,11 @@
 Points of the body's surface meet the ball with springs of depth q along a normal n, from the ball into the body. With
 rho the ball's velocity less the point's, u = n . rho, and theta the share of the path on which they touch, a point gets
 
-    f = k theta (q + theta T u/2) + b theta u along n, and c_t rho across it;    q1 = q + theta T u
+    f = k theta (q + theta T u/2) + b theta u along n, and friction g0 + J rho across it;    q1 = q + theta T u
 
 so ``f u T`` is the spring's gain plus the dampers' dissipation, for any theta. With a solid, at rest, rho is the
-point's velocity alone, or the ball's. theta and the friction's c_t (mu f over the speed) are found beforehand: with
-both given, all forces are ``F = f0 n + H rho``, linear in the velocities. The ball's own equation ``A v_p = c - sum F``
+point's velocity alone, or the ball's. theta and the friction's g0 and J (`soft_friction`) are found beforehand: with
+these given, all forces are ``F = f0 + H rho``, linear in the velocities. The ball's own equation ``A v_p = c - sum F``
 is eliminated (a 3 x 3 Schur complement), the body's is solved by conjugate gradients to any tolerance and scaled so
 that its residual does no work, and then the ball's is solved exactly. So the account closes at any tolerance. Without
 the elimination the error would act on the ball: energy from nothing.
@@ -21,6 +21,7 @@ import numpy as np
 
 from hapnet.checks import Array
 from hapnet.ext.soft.soft_body import Marks
+from hapnet.ext.soft.soft_friction import across, damped, errors, linearised
 from hapnet.ext.soft.soft_linear import Indices, axes_of
 
 if TYPE_CHECKING:
@@ -30,11 +31,9 @@ _PASSES = 10
 _SAME, _SLIGHT = 0.02, 0.01
 """Largest change of theta in the last pass; a theta below the second value is 0."""
 
-_RUB = 0.1
-"""Relative tolerance of friction."""
-
-_CREEP_MPS = 5e-5
-"""Below this speed friction is a damper: a contact that sticks creeps by less."""
+_RUB, _ROUGHLY, _CHANGES = 0.01, 0.1, 0.1
+"""Relative tolerances of friction, of all points together: by Newton's method, and with dampers; and the change of
+theta above which points that slide have dampers, as Newton's method may lose the contact from afar."""
 
 
 class ContactEquations:
@@ -44,8 +43,8 @@ class ContactEquations:
     free, compliance : the ball's velocity without contact [m/s], and its C = A^-1, 0 along missing axes (3, 3).
 
     First the passes use an approximation of the body with only these points (`settle`): with G
-    their compliance by the factor at rest, ``rho = rho_free - (G + C) F`` and ``F = f0 n + H rho``. Then the body's
-    equation is solved with the resulting theta, normals and c_t.
+    their compliance by the factor at rest, ``rho = rho_free - (G + C) F`` and ``F = f0 + H rho``. Then the body's
+    equation is solved with the resulting theta, normals and friction.
 
     More than twenty attributes: a step's whole linear system, and the results that its passes share.
     """
@@ -63,16 +62,33 @@ class ContactEquations:
         self._columns_known = np.zeros((3 * count, 3 * count))  # G + C; only columns of `_known` points are computed
         self._known = np.zeros(count, dtype=bool)
         self._is_solved, self._eliminated = False, -1
-        self._put(np.zeros(count), np.zeros((count, 3)), np.zeros(count))
-        self.drag = contacts.drag[points]
+        self._last = contacts.rho[points]
+        self._put(np.zeros(count), contacts.normals[points])
 
-    def _put(self, theta: Array, normals: Array, drag: Array) -> None:
-        """Set theta, the normals and c_t."""
-        self.theta, self.normals, self.drag = theta, normals, np.where(theta > 0.0, drag, 0.0)
-        self._push = (self._stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0 n
+    def _put(self, theta: Array, normals: Array) -> None:
+        """Set theta and the normals, without friction."""
+        self.theta, self.normals = theta, normals
+        self._push = (self._stiffness * theta * self._contacts.q[self.points])[:, None] * normals  # f0
         firm = 0.5 * self._stiffness * self._dt * theta * theta + self._damping * theta
-        along = normals[:, :, None] * normals[:, None, :]
-        self._H = firm[:, None, None] * along + self.drag[:, None, None] * (np.eye(3) - along)
+        self._H = firm[:, None, None] * normals[:, :, None] * normals[:, None, :]
+
+    def _rub(self, damps: int, rub: Array, slip: Array, most: Array) -> None:
+        """Add the friction near g, s and mu N of the rows, see `soft_friction`; damps : see `settle`."""
+        at = self.theta > 0.0
+        n = self.normals[at]  # they may have turned since
+        law = across(rub[at], n), across(slip[at], n), most[at], self._gives()[at], n
+        given, slope = damped(*law, is_whole=damps > 1) if damps else linearised(*law)
+        self._push[at] += given
+        self._H[at] += slope
+
+    def _coulomb(self, rho: Array, forces: Array) -> tuple[Array, Array, Array]:
+        """The rows' friction g [N], s [m/s] and mu N [N], of velocities and forces with the present normals."""
+        pushes = np.maximum((forces * self.normals).sum(axis=1), 0.0)
+        return across(forces, self.normals), across(rho, self.normals), self._mu * pushes
+
+    def _gives(self) -> Array:
+        """r (k,) [m/s per N]."""
+        return np.asarray(np.diagonal(self._columns_known).reshape(-1, 3).mean(axis=1))
 
     def _compute_columns(self, which: Marks) -> None:
         """Compute the displacements of all points by forces on these points (k,), if not known yet."""
@@ -118,9 +134,10 @@ class ContactEquations:
             np.concatenate([normals, across]),
         )
 
-    def settle(self, v: Array, forces: Array) -> Array | None:
-        """Find theta, normals, c_t and the forces (k, 3) [N], of a body that moves with v (N, 3) under `forces`.
+    def settle(self, v: Array, forces: Array, damps: int) -> Array | None:
+        """Find theta, normals, friction and the forces (k, 3) [N], of a body that moves with v (N, 3) under `forces`.
 
+        damps : 1: points that slide have dampers, 2: all points.
         None: they did not change since the body was solved.
         """
         given = self._columns_known
@@ -132,18 +149,22 @@ class ContactEquations:
         for turn in range(_PASSES):
             depths, normals = self._gaps(rho, ball, solids)
             theta = shares(self._depths, depths)
+            changed = np.abs(theta - self.theta).max(initial=0.0)
             if turn or self._is_solved:
                 theta = np.where((forces * self.normals).sum(axis=1) < 0.0, 0.0, theta)
-                if np.abs(theta - self.theta).max(initial=0.0) < _SAME and self._rubs_rightly(rho, forces):
+                if np.abs(theta - self.theta).max(initial=0.0) < _SAME and self._rubs_rightly(
+                    rho, forces, _ROUGHLY if damps else _RUB
+                ):
                     if not turn:
                         return None
                     break
                 theta = 0.5 * (theta + self.theta)
-            self._put(
-                np.where(theta > _SLIGHT, theta, 0.0), normals, self.next_drag(rho, forces) if turn else self.drag
-            )
+            is_first = not (turn or self._is_solved)
+            coulomb = self._coulomb(self._last if is_first else rho, forces)
+            self._put(np.where(theta > _SLIGHT, theta, 0.0), normals)
             touching: Marks = np.asarray(self.theta > 0.0)
             self._compute_columns(touching)
+            self._rub(max(damps, int(changed > _CHANGES)), *coulomb)
             rows = axes_of(np.flatnonzero(touching))
             inner = given[np.ix_(rows, rows)]
             beside = np.eye(len(rows)) + times_blocks(inner, self._H[touching])
@@ -162,26 +183,15 @@ class ContactEquations:
         """
         return self._by_ball * ball - self.at_points(v)
 
-    def _rubs_rightly(self, rho: Array, forces: Array) -> bool:
+    def _rubs_rightly(self, rho: Array, forces: Array, tolerance: float) -> bool:
         """Whether friction is nearly Coulomb's, of all points together."""
-        push, slip = self._pushes(forces), self._slips(rho)
-        wrong = np.abs(self.next_drag(rho, forces) - self.drag) * slip
-        return float(wrong @ (self.theta > 0.0)) <= _RUB * float(self._mu @ push)
+        touching = self.theta > 0.0
+        rub, slip, most = (part[touching] for part in self._coulomb(rho, forces))
+        return float(errors(rub, slip, most, self._gives()[touching]).sum()) <= tolerance * float(most.sum())
 
-    def next_drag(self, rho: Array, forces: Array) -> Array:
-        """c_t (k,) [Ns/m]: Coulomb's force over the present speed."""
-        found: Array = self._mu * self._pushes(forces) / np.maximum(self._slips(rho), _CREEP_MPS)
-        return found
-
-    def _pushes(self, forces: Array) -> Array:
-        """The components of forces along the normals (k,) [N]."""
-        found: Array = np.maximum((forces * self.normals).sum(axis=1), 0.0)
-        return found
-
-    def _slips(self, rho: Array) -> Array:
-        """The speeds across the normals (k,) [m/s]."""
-        found: Array = np.linalg.norm(rho - (rho * self.normals).sum(axis=1)[:, None] * self.normals, axis=1)
-        return found
+    def rubbed_W(self, rho: Array, forces: Array) -> float:
+        """The power that friction takes [W]."""
+        return float((forces * across(rho, self.normals)).sum())
 
     def forces(self, rho: Array) -> Array:
         """The forces of the rows on the pushed parts (k, 3) [N]."""
@@ -196,7 +206,7 @@ class ContactEquations:
     # -- the body's equation, without the ball ------------------------------------------------------------------------
 
     def _eliminate(self) -> None:
-        """``(I + C sum H) v_p = w - C sum (f0 n - H v_i)``, and compute the preconditioner's parts."""
+        """``(I + C sum H) v_p = w - C sum (f0 - H v_i)``, and compute the preconditioner's parts."""
         by_ball = self._by_ball[:, :, None] * self._H
         whole = by_ball.sum(axis=0)
         self._schur = np.linalg.solve(np.eye(3) + self._compliance @ whole, self._compliance)
