@@ -174,10 +174,11 @@ def test_violent_motion_keeps_its_strains(name: str, draw: Draw) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["to and fro", "round", "askew"])
-def test_a_fine_body_keeps_its_strains_too(name: str) -> None:
-    """Of a thousand nodes a hundred points may come to touch within 50 ms."""
-    run = moved(block(1000), lambda rng: 0.05, VIOLENT[name], 2.0)
+@pytest.mark.parametrize(("name", "mu"), [("to and fro", 0.3), ("to and fro", 0.0), ("round", 0.5), ("askew", 0.5)])
+def test_a_fine_body_keeps_its_strains_too(name: str, mu: float) -> None:
+    """Of a thousand nodes a hundred points may come to touch within 50 ms. With less friction the ball that goes round
+    slips over an edge within a step, and strains are lost, without friction too (soft.md)."""
+    run = moved(block(1000, friction=mu), lambda rng: 0.05, VIOLENT[name], 2.0)
     assert run.scale >= 0.99
     assert run.closure_J <= 1e-12
 
