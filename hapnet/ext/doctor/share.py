@@ -10,6 +10,7 @@ import json
 import os
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +20,7 @@ import numpy as np
 
 from hapnet.assembly.user_device import UserDevice
 from hapnet.devices.registry import known
-from hapnet.errors import InvalidParameter, OutputError
+from hapnet.errors import InvalidParameter, OutputError, RecordingError
 from hapnet.ext.doctor.machine import WARNING, Check
 from hapnet.processes import start
 from hapnet.recording.mcap import read_recording
@@ -137,8 +138,11 @@ def run_at_a_wall(hardware: str, dof: int, link: str, duration_s: float) -> dict
         except json.JSONDecodeError:
             return found
         found |= {name: get(summary, *place.split(".")) for name, place in FIGURES.items()}
-        recorded = read_recording(Path(folder) / "device.mcap").device
-    return found | {"shown": {} if recorded is None else shown(recorded)}
+        found["shown"] = {}
+        with suppress(RecordingError):  # a run that failed may have none
+            if (recorded := read_recording(Path(folder) / "device.mcap").device) is not None:
+                found["shown"] = shown(recorded)
+    return found
 
 
 def shown(rows: Mapping[str, Any]) -> dict[str, list[Any]]:
