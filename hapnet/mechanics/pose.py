@@ -95,6 +95,13 @@ def pose(x: ArrayLike, arm_m: float = ARM_M) -> Pose:
     return Pose(tuple(np.asarray(x, dtype=float)[:3].tolist()), (w, i, j, k))
 
 
+def of_rotation_vector(rotation: Sequence[float]) -> tuple[float, float, float, float]:
+    """The unit quaternion w, x, y, z of a rotation vector (3,) [rad]: axis times angle."""
+    angle = math.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
+    share = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), share * rotation[0], share * rotation[1], share * rotation[2]
+
+
 def quaternions(R: Array) -> Array:
     """The quaternions (..., 4) of rotations (..., 3, 3), with w >= 0 (Shepperd, J. Guidance and Control 1, 1978)."""
     xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
@@ -175,8 +182,10 @@ def turned(R0: Array, R1: Array) -> Array:
 
     The ends of the arms move by ``turned x Pm``, Pm their mean from R0 to R1, exactly.
     """
-    skew = np.linalg.solve((np.eye(3) + R1 @ R0.T).T, 2.0 * (R1 @ R0.T - np.eye(3)).T).T
-    return np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]) / 2.0
+    turn = R1 @ R0.T
+    skew = turn - turn.T
+    found: Array = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) * (2.0 / (1.0 + np.trace(turn)))
+    return found
 
 
 @equation

@@ -14,6 +14,7 @@ from pathlib import Path
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.devices.input_device import InputDevice, existing, follow
+from hapnet.mechanics.pose import of_rotation_vector
 
 _FULL = 350.0
 _VENDORS = ("0000256F", "0000046D")
@@ -56,12 +57,12 @@ class SpaceMouse(InputDevice):
         goal = [self._turn * self.beyond_dead_zone(d) for d in self.turns]
         if self.rate:
             self._turned = follow(self._turned, [self.rate * g for g in goal], dt)
-            turned = _product(_quaternion([w * dt for w in self._turned]), self._orientation)
+            turned = _product(of_rotation_vector([w * dt for w in self._turned]), self._orientation)
             length = math.hypot(*turned)
             self._orientation = tuple([part / length for part in turned])
         else:
             self._turned = follow(self._turned, goal, dt)
-            self._orientation = _quaternion(self._turned)
+            self._orientation = of_rotation_vector(self._turned)
 
     def orientation(self) -> Vector:
         return self._orientation
@@ -88,13 +89,6 @@ class SpaceMouse(InputDevice):
                 for number in range(max(bits.bit_length(), *(n + 1 for n in self.pressed), 2)):
                     self.pressed[number] = bool(bits >> number & 1)
         return len(data)
-
-
-def _quaternion(rotation: Sequence[float]) -> Vector:
-    """The unit quaternion w, x, y, z of a rotation vector (3,) [rad]."""
-    angle = math.hypot(*rotation)
-    share = math.sin(angle / 2.0) / angle if angle > 0.0 else 0.5
-    return (math.cos(angle / 2.0), *(share * part for part in rotation))
 
 
 def _product(a: Vector, b: Vector) -> Vector:

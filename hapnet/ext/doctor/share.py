@@ -173,8 +173,8 @@ def findings(checks: Iterable[Check], runs: Mapping[str, Mapping[str, Any]]) -> 
             ticks, skipped = run["ticks"], run["skipped"]
             if skipped > 0.01 * (ticks + skipped):
                 found.append(f"{link}: {skipped} of {ticks + skipped} ticks skipped")
-            if run["silences"]:
-                found.append(f"{link}: the device fell silent {run['silences']} times")
+            if silences := run["silences"]:
+                found.append(f"{link}: the device fell silent {silences} time{'s' * (silences > 1)}")
     return found
 
 

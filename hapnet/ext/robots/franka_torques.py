@@ -82,6 +82,11 @@ class ArmState(NamedTuple):
         q, dq, torque = (np.array(one) for one in (state.q, state.dq, state.tau_J_d))
         return cls(q, dq, torque, pose[:3, 3], pose[:3, :3], both[:3], both[3:])
 
+    @property
+    def jacobian(self) -> Array:
+        """Both Jacobians (6, 7)."""
+        return np.vstack((self.linear, self.angular))
+
 
 class _Command(NamedTuple):
     """A command: the torques that were sent [Nm], their wrench (6,) [N and Nm] and the holding torques [Nm]."""
@@ -130,13 +135,13 @@ class Torques:
         """
         self._turns = torque is not None
         wrench = np.concatenate((force, np.zeros(3) if torque is None else torque))
-        both = np.vstack((arm.linear, arm.angular))
-        push = both.T @ wrench
+        across = arm.jacobian.T
+        push = across @ wrench
         hold = _limited(self._holding(arm, coriolis, mass.reshape(JOINTS, JOINTS)))
         most = share(push.tolist(), hold.tolist(), TORQUE_LIMIT.tolist())
         sent, part = self._towards(hold + most * push, arm.torque)
         self.wrench = self.wrench + part * (most * wrench - self.wrench)
-        self._open.append(_Command(sent, self.wrench, sent - both.T @ self.wrench))
+        self._open.append(_Command(sent, self.wrench, sent - across @ self.wrench))
         return sent
 
     def fading(self, arm: ArmState) -> Array:
@@ -182,7 +187,7 @@ class Torques:
 
     def _holding(self, arm: ArmState, coriolis: Array, mass: Array) -> Array:
         velocity, turning = arm.linear @ arm.dq, arm.angular @ arm.dq
-        null = np.linalg.svd(np.vstack((arm.linear, arm.angular)))[2][-1]
+        null = np.linalg.svd(arm.jacobian)[2][-1]
         along = mass @ null
         inertia = float(null @ along)
         torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import cos, pi, sin, sqrt
+from math import pi, sin
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.tools import body_step
 from hapnet.ext.tools.body import RigidBody, Touched, kinetic, settle
-from hapnet.mechanics.pose import ARM_M, AXES, OfPose, coordinates, nearest
+from hapnet.mechanics.pose import ARM_M, AXES, OfPose, coordinates, nearest, of_rotation_vector
 from hapnet.params import Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.live_hand import LiveHand, WrappedHand
@@ -203,9 +203,7 @@ class TurningHand(WrappedHand):
 
 def turned(position: Vector, rotation: Vector, arm_m: float = ARM_M) -> Vector:
     """The coordinates (12,) [m] of the pose at `position` (3,) [m], turned by a rotation vector (3,) [rad]."""
-    angle = sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
-    share = 0.5 if angle < 1e-9 else sin(0.5 * angle) / angle
-    return coordinates(position, (cos(0.5 * angle), *[share * part for part in rotation]), arm_m)
+    return coordinates(position, of_rotation_vector(rotation), arm_m)
 
 
 _OF_SPRINGS = ("device.stiffness", "device.damping", "world.stiffness", "world.damping")
