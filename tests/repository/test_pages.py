@@ -32,7 +32,8 @@ EXTRAS = {
 
 
 def marked(block: Block) -> object:
-    return pytest.param(block, id=block.name, marks=[pytest.mark.slow] * ("slow" in block.words))
+    marks = [pytest.mark.soak] if "soak" in block.words else [pytest.mark.slow] * ("slow" in block.words)
+    return pytest.param(block, id=block.name, marks=marks)
 
 
 @pytest.mark.parametrize("block", [marked(block) for block in HERE])
@@ -55,7 +56,7 @@ def test_a_block_runs(block: Block, certificates: Path, tmp_path: Path, monkeypa
 def test_every_block_is_run_or_says_why_not() -> None:
     for block in ALL:
         assert block.language in ("sh", "python", "toml", *DATA_ONLY), block.name
-        assert block.words <= {"slow", "in two terminals"}, block.name
+        assert block.words <= {"slow", "soak", "in two terminals"}, block.name
         if block.is_in_real_time:
             assert block.why_not or "slow" in block.words, f"{block.name} starts processes: it is slow"
         if block.language == "toml":
