@@ -88,6 +88,7 @@ def own_scene(*, dof: int = 2, size: float = 0.07, stiffness: float = 800.0, ste
         ("continuous", "sampled", "range", ("sampled", "range")),
     ],
 )
+@pytest.mark.long
 def test_auto_stands_for_the_commands_own(default: str, servo: str, harvest: str, expected: tuple[str, str]) -> None:
     setup = setup_of(default, device__servo=servo, device__harvest=harvest)
     assert (setup.servo, setup.harvest) == expected

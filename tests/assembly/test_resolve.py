@@ -6,10 +6,11 @@ from hapnet.assembly.choices import Choice, Refusal, choosing, contributions, re
 from hapnet.errors import InvalidParameter
 from hapnet.param_sources import DEVICE, RULE, SCENE
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 from tests.measure.returns import RUNS, longest
 
 
-@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("kind", mostly_slow([(one,) for one in RUNS], 1))
 def test_a_parameter_passes_few_returns_on_its_way_to_the_parts(kind: str) -> None:
     name, found = longest(RUNS[kind])
     assert found.total() <= 10, (name, found)

@@ -24,6 +24,7 @@ from hapnet.params import DeviceParams, Params, WallParams, WorldParams
 from hapnet.realtime.recorder import described
 from hapnet.side.endpoint import DeviceEndpoint
 from netem import LinkProfile
+from tests.conftest import mostly_slow
 from tests.support.commands import Capture
 
 HERE = "tests.assembly.own_scenes"
@@ -151,12 +152,12 @@ def test_some_parameters_of_every_kind_are_used_as_they_were_set(kind: str) -> N
     checked(kind, [*random.Random(7).sample(near, few), *random.Random(8).sample(cases(kind), few)])
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("nth", mostly_slow([24, 6], 0, 1))
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in NEEDED])
-def test_every_parameter_is_used_as_it_was_set(kind: str) -> None:
-    """One after the other: the world's with every kind, each other value with every sixth."""
+def test_every_parameter_is_used_as_it_was_set(kind: str, nth: int) -> None:
+    """One after the other: the world's with every kind, each other value with every sixth, or 24th."""
     turn = list(KINDS).index(kind)
-    checked(kind, [case for place, case in enumerate(cases(kind), turn) if place % 6 == 0 or is_near(case)])
+    checked(kind, [case for place, case in enumerate(cases(kind), turn) if place % nth == 0 or is_near(case)])
 
 
 def checked(kind: str, every: list[tuple[str, object]]) -> None:

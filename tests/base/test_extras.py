@@ -15,7 +15,7 @@ from hapnet import cli, installing
 from hapnet.errors import MissingLibrary
 from hapnet.recording.mcap import read_recording
 from hapnet.simulation.simulation import simulate
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 
 WITHOUT = """
 import sys
@@ -144,12 +144,15 @@ def test_a_recording_is_not_read_without_its_library(monkeypatch: pytest.MonkeyP
         read_recording(tmp_path / "run.mcap")
 
 
-@pytest.mark.parametrize("command", [["simulate", "--no-files", "--duration", "0.2"], ["devices"], ["--version"]])
+@pytest.mark.parametrize(
+    "command", mostly_slow([["simulate", "--no-files", "--duration", "0.2"], ["devices"], ["--version"]], 1)
+)
 def test_a_command_without_files_needs_no_extra(command: list[str], tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT, *command], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_an_installation_as_readme_says_imports_every_module() -> None:
     """README installs the extra `report` and nothing more: no other library may be imported on the way to a report."""
     there = installed_with("report")

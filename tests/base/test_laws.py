@@ -193,6 +193,7 @@ def test_an_end_that_lacks_a_part_is_named_before_the_run() -> None:
 # Add to it
 
 
+@pytest.mark.slow
 def test_the_pages_example_is_a_coupling_once_it_is_in_the_folder(tmp_path: Path) -> None:
     """One file is touched."""
     folder = tmp_path / "hapnet"

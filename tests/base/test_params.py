@@ -123,6 +123,7 @@ COUPLED = {"world.step_min_s", "world.step_max_s"}
 """Each is bounded by the other too, which a schema cannot say."""
 
 
+@pytest.mark.long
 def test_the_schema_takes_what_the_program_takes() -> None:
     """Of every parameter the same values, but that a schema takes no empty list; `jsonschema` is the judge."""
     jsonschema = pytest.importorskip("jsonschema", reason="the judge of schemas is not installed")

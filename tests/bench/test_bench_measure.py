@@ -32,6 +32,7 @@ from hapnet.wire.messages import Position, encode
 from hapnet.wire.session import Session
 from netem import LinkProfile
 from netem.errors import ProfileError
+from tests.conftest import mostly_slow
 
 SHORT = Options(seconds=0.1, rounds=1)
 BY_HAND = ("batch_1000", "page_mesh", "servo_traffic_2khz", "servo_traffic_5khz", "one_way_latency",
@@ -347,7 +348,7 @@ def test_traffic_runs_at_a_kilohertz_each_way_beside_a_busy_process() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["one_way_latency", "one_way_latency_realtime"])
+@pytest.mark.parametrize("name", mostly_slow(["one_way_latency_realtime", "one_way_latency"], 0, 1))
 def test_latency_beside_raw_zenoh(name: str) -> None:
     row = ROWS[name](Options(seconds=1.0, rounds=1))
     for found in (*row.rounds, *row.bare_rounds):

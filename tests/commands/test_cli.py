@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from tests.conftest import ENVIRONMENT
+from tests.conftest import ENVIRONMENT, mostly_slow
 from tests.support.commands import QUICK, Capture, empty_directory as empty_directory, summary_of
 
 NO_MORE = {"up_timeline": "", "down_timeline": "", "path_s": 0.0}
@@ -179,6 +179,7 @@ def test_set_and_link_flags_reach_the_simulation() -> None:
     assert summary["device"]["reservoir_min_J"] is None
 
 
+@pytest.mark.slow
 def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory: Path) -> None:
     out = tmp_path / "made" / "here"
     assert cli.main(["simulate", "--duration", "0.5", "--out", str(out)]) == 0
@@ -192,6 +193,7 @@ def test_out_gets_everything_and_report_reads_it(tmp_path: Path, empty_directory
     assert (out / "run.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_two_lines_and_all_tables_on_demand(tmp_path: Path, capsys: Capture) -> None:
     short = ("--duration", "3", "--out", str(tmp_path))
     wall = "The wall of 3000 N/m felt like 514 of the 600 N/m that this device can render. More: -v, or "
@@ -220,7 +222,7 @@ def test_default_directory_names_time_and_seed(empty_directory: Path) -> None:
     assert made.name.endswith("Z-42")
 
 
-@pytest.mark.parametrize("figure", ["fig4", "fig5", "fig6"])
+@pytest.mark.parametrize("figure", mostly_slow(["fig4", "fig5", "fig6"], 1))
 def test_reproduce_says_that_numbers_are_reconstructed(figure: str, capsys: Capture, tmp_path: Path) -> None:
     assert cli.main(["reproduce", figure, "--duration", "1", "--out", str(tmp_path / "r"), "--json", "-"]) == 0
     out, err = capsys.readouterr()

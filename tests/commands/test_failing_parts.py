@@ -80,7 +80,9 @@ def test_ctrl_c_inside_a_part_is_no_failure_of_it(flag: str, part: str, capsys: 
     ("words", "says"),
     [
         pytest.param(("run", "--operator", "parts:Tired", "--out", "r"), TIRED, marks=pytest.mark.soak),
-        (("run", "--scene", "parts:short", *ARM, "--out", "r", "--duration", "20"), SHORT),
+        pytest.param(
+            ("run", "--scene", "parts:short", *ARM, "--out", "r", "--duration", "20"), SHORT, marks=pytest.mark.slow
+        ),
         (("simulate", "--operator", "parts:Tired", "--no-files"), TIRED),
         (("simulate", "--scene", "parts:short", "--no-files"), SHORT),
         pytest.param(("run", "--realtime", "--operator", "parts:Tired", "--out", "r"), TIRED, marks=pytest.mark.slow),

@@ -9,6 +9,7 @@ import pytest
 
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
+from tests.conftest import mostly_slow
 from tests.support.arms import ARM, assert_no_force_last, heard as heard, here as here, limited, linux, notices, pushing
 from tests.support.processes import HAPNET, LIMIT_S, read_json, size, started
 
@@ -52,7 +53,7 @@ def test_standard_output_that_takes_nothing_is_named(argv: tuple[str, ...], code
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize("more", mostly_slow([(("--realtime",),), ((),)], 0, 1), ids=["realtime", "thread"])
 def test_a_full_disk_ends_recording_and_log_and_not_the_run(more: tuple[str, ...]) -> None:
     words = ("--record", "device.mcap", "--log", "device.jsonl", "--duration", 2, "--json", "-", *more)
     with pushing(*words, before=limited(10_000)) as (device, world):

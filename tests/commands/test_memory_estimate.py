@@ -10,6 +10,7 @@ from hapnet import cli, simulate, simulate_batch
 from hapnet.assembly import memory
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 
 
 @pytest.mark.parametrize(
@@ -48,8 +49,7 @@ def _held_bytes() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dof", [1, 3])
+@pytest.mark.parametrize("dof", mostly_slow([3, 1], 0, 1))
 def test_a_recorded_second_is_estimated_as_python_counts_it(dof: int) -> None:
     short = Params().set({"dof": dof, "scene": "moving", "duration_s": 0.5})  # not compiled, which takes less
     simulate(short)  # what is made once is made

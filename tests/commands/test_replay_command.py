@@ -14,9 +14,11 @@ from hapnet.recording.hand import recorded_hand
 from hapnet.recording.mcap import read_recording, save
 from hapnet.recording.samples import Recording
 from hapnet.simulation.replay import read_original
+from tests.conftest import mostly_slow
 from tests.support.replays import Capture, here as here, recorded, rewritten, run, with_meta
 
 
+@pytest.mark.slow
 def test_the_command_writes_all_and_compares_in_words(tmp_path: Path, capsys: Capture) -> None:
     recorded(tmp_path / "a.mcap")
     assert run("replay", "a.mcap", "--out", "again") == 0
@@ -60,20 +62,23 @@ def test_a_recording_is_an_operator_everywhere(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("argv", "reported"),
-    [
-        (["replay", "nothing.mcap"], "cannot read recording nothing.mcap"),
-        (["replay", "own_hand.py"], "own_hand.py is not a recording"),
-        (["replay", "a.mcap", "a.mcap", "a.mcap"], "one recording, or the device's and the world's"),
-        (["replay", "a.mcap", "a.mcap"], "one must hold a device's samples"),
-        (["replay", "a.mcap", "--duration", "0"], "above 0 in virtual time"),
-        (["replay", "a.mcap", "--delay", "soon"], "soon"),
-        (["replay", "a.mcap", "--set", "hardware=mine:Device"], "a real device does not run in virtual time"),
-        (["replay", "run.mcap", "--out", "."], "a directory other than the recording's"),
-        (["replay", "bare.mcap"], "does not contain the parameters of its run"),
-        (["simulate", "--operator", "a.mcap", "--dof", "2", "--scene", "free"], "a recording with 2 axes"),
-        (["simulate", "--operator", "nothing.mcap"], "cannot read recording nothing.mcap"),
-        (["simulate", "--operator", "empty.mcap"], "a recording with the device's side"),
-    ],
+    mostly_slow(
+        [
+            (["replay", "nothing.mcap"], "cannot read recording nothing.mcap"),
+            (["replay", "own_hand.py"], "own_hand.py is not a recording"),
+            (["replay", "a.mcap", "a.mcap", "a.mcap"], "one recording, or the device's and the world's"),
+            (["replay", "a.mcap", "a.mcap"], "one must hold a device's samples"),
+            (["replay", "a.mcap", "--duration", "0"], "above 0 in virtual time"),
+            (["replay", "a.mcap", "--delay", "soon"], "soon"),
+            (["replay", "a.mcap", "--set", "hardware=mine:Device"], "a real device does not run in virtual time"),
+            (["replay", "run.mcap", "--out", "."], "a directory other than the recording's"),
+            (["replay", "bare.mcap"], "does not contain the parameters of its run"),
+            (["simulate", "--operator", "a.mcap", "--dof", "2", "--scene", "free"], "a recording with 2 axes"),
+            (["simulate", "--operator", "nothing.mcap"], "cannot read recording nothing.mcap"),
+            (["simulate", "--operator", "empty.mcap"], "a recording with the device's side"),
+        ],
+        6,
+    ),
     ids=lambda value: "-".join(value)[:40] if isinstance(value, list) else "",
 )
 def test_what_cannot_be_replayed_is_told_in_one_line(

@@ -14,6 +14,7 @@ from hapnet.loading import load, permitting
 from hapnet.params import Params
 from hapnet.recording.mcap import save
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 
 RAN = "ran.txt"
 
@@ -48,7 +49,9 @@ PARTS = [
 ]
 
 
-@pytest.mark.parametrize("named", PARTS, ids=lambda named: next(iter(named.values())))
+@pytest.mark.parametrize(
+    "named", mostly_slow([(one,) for one in PARTS], 1), ids=lambda named: next(iter(named.values()))
+)
 def test_replay_asks_first(stranger: Path, named: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     """Without a terminal that is a no: one line, exit code 2. A recorded operator's motion needs no module."""
     code = main(["replay", str(recorded(stranger, **named)), "--out", str(stranger / "out")])
@@ -64,6 +67,7 @@ def test_replay_asks_first(stranger: Path, named: dict[str, str], capsys: pytest
     assert str(stranger / "stranger.mcap") in said
 
 
+@pytest.mark.slow
 def test_with_trust_or_when_it_was_typed_it_is_imported(stranger: Path) -> None:
     file = str(recorded(stranger, scene="strangers_part:wall"))
     assert main(["replay", file, "--trust", "--out", str(stranger / "one")]) == 0
@@ -73,7 +77,7 @@ def test_with_trust_or_when_it_was_typed_it_is_imported(stranger: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "named"), [("report", PARTS[3]), ("export", PARTS[3]), ("export", PARTS[0])], ids=str
+    ("command", "named"), mostly_slow([("report", PARTS[3]), ("export", PARTS[3]), ("export", PARTS[0])], 1), ids=str
 )
 def test_no_other_command_imports_it(stranger: Path, command: str, named: dict[str, str]) -> None:
     assert main([command, str(recorded(stranger, **named)), "--out", str(stranger / "out")]) in (0, 2)

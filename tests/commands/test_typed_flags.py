@@ -13,6 +13,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.transport.diagnosis import check_hosts
 from netem.groups import grouped
+from tests.conftest import mostly_slow
 from tests.support.commands import Capture, empty_directory as empty_directory
 
 ADDRESS = "tcp/127.0.0.1:17447"
@@ -55,7 +56,7 @@ WRONG = {
 """A wrong value of each flag of `hapnet run` that has a value."""
 
 
-@pytest.mark.parametrize("flag", WRONG)
+@pytest.mark.parametrize("flag", mostly_slow([(one,) for one in WRONG], 19))
 def test_an_error_names_the_flag_and_its_value(flag: str, capsys: Capture, empty_directory: Path) -> None:
     for argv in ([flag, WRONG[flag]], [f"{flag}={WRONG[flag]}"]):
         assert cli.main(["run", *argv]) == 2

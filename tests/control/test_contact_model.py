@@ -62,6 +62,7 @@ def places(draw: st.DrawFn) -> tuple[Vector, tuple[Plane, ...]]:
 
 @settings(max_examples=40, deadline=None)
 @given(places())
+@pytest.mark.long
 def test_the_proxy_rests_where_the_energy_is_least(place: tuple[Vector, tuple[Plane, ...]]) -> None:
     """Independent: minimise the energy of all springs over the proxy's position, with scipy."""
     x, planes = place
@@ -156,6 +157,7 @@ def test_a_change_takes_effect_without_a_jump_and_is_over_after_100_ms(
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-0.003, 0.003), st.floats(0.3, 3.0), st.floats(0.005, 0.02))
+@pytest.mark.long
 def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor: float, x: float) -> None:
     """The world says a plane that is shifted and of another stiffness, and where its proxy is and what it feels."""
     proxy = x * (1.0 - SOFT)  # of the true wall, at 0
@@ -240,6 +242,7 @@ def test_a_moving_plane_goes_on_for_a_fifth_of_a_second() -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.long
 def test_random_planes_in_every_message_move_y_smoothly(seed: int) -> None:
     rng = np.random.default_rng(seed)
     m, x = model((0.0, 0.0)), (0.0, 0.0)

@@ -37,7 +37,7 @@ def effects_lied(seed: int, coupling: str) -> Any:
     return lied_to(planes, link, seed=seed, dof=2 + seed // 2 % 2, coupling=coupling)
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(20), 2))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 2, 8))
 def test_no_effect_creates_energy(seed: int) -> None:
     check_no_energy(effects_lied(seed, "pspm"))
 

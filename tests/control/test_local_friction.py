@@ -348,7 +348,7 @@ def friction_lied(seed: int, coupling: str) -> Any:
     return lied_to(planes, "40±10 ms, 2 %", seed=seed, dof=2 + seed % 2, coupling=coupling)
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(20), 2))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 2, 8))
 def test_no_lie_about_friction_creates_energy(seed: int) -> None:
     check_no_energy(friction_lied(seed, "pspm"))
 

@@ -44,6 +44,7 @@ def test_a_force_costs_the_dearest_moment_at_which_an_overrun_can_begin(seed: in
     assert guard.cost(F) == pytest.approx(a * forces.sum())
 
 
+@pytest.mark.long
 def test_an_absence_is_expected_for_ten_seconds_and_then_half_as_long() -> None:
     rng = np.random.default_rng(1)
     hold, past, now = HoldTime(0.02, 2.0), [(0.0, 0.02)], 0.0
@@ -68,8 +69,8 @@ def unit(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
 
 
-@pytest.mark.parametrize("followed", [False, True], ids=["ends", "way"])
-@pytest.mark.parametrize("seed", mostly_slow(range(60), 6))
+@pytest.mark.parametrize("followed", mostly_slow([False, True], 1), ids=["ends", "way"])
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 6, 30))
 @pytest.mark.long
 def test_what_was_once_as_long_costs_no_more_than_the_account(seed: int, followed: bool) -> None:
     """The servo is away for long while the device stands still; from then on up to as long, again and again, while the
@@ -179,9 +180,11 @@ def away(words: dict[str, object], seed: int, shortest_ms: int, longest_ms: int,
     return minimum, dict(device_summary(side, "pspm"))
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(10), 1, 4))
-@pytest.mark.parametrize("stiffness", mostly_slow([3000.0, 100.0, 1000.0], 1))
-@pytest.mark.parametrize(("shortest_ms", "longest_ms", "known"), [(22, 60, False), (25, 250, True), (200, 600, True)])
+@pytest.mark.parametrize("seed", mostly_slow(range(10), 1, 2))
+@pytest.mark.parametrize("stiffness", mostly_slow([3000.0, 100.0, 1000.0], 1, 2))
+@pytest.mark.parametrize(
+    ("shortest_ms", "longest_ms", "known"), mostly_slow([(22, 60, False), (25, 250, True), (200, 600, True)], 1)
+)
 @pytest.mark.long
 def test_a_simulated_hand_never_gets_more_than_the_bound(
     stiffness: float, shortest_ms: int, longest_ms: int, known: bool, seed: int
@@ -193,6 +196,7 @@ def test_a_simulated_hand_never_gets_more_than_the_bound(
     assert part["speed_max_mps"] > 0.4  # or nothing would have been tried
 
 
+@pytest.mark.long
 def test_the_first_long_absence_of_a_device_without_a_watchdog_is_counted_to_the_last_joule() -> None:
     """Nothing foretells it, so it may break the bound: by what is then called the servo's."""
     minimum, part = away({"device.stiffness": 3000.0}, 3, 200, 600, known=False)
@@ -204,6 +208,7 @@ def test_the_first_long_absence_of_a_device_without_a_watchdog_is_counted_to_the
     assert abs(part["true_slack_J"]) <= 1e-9
 
 
+@pytest.mark.long
 def test_a_force_comes_back_by_degrees_after_the_last_of_them() -> None:
     """100 N/m, 20 mm off, 0.1 J, 1 m/s: after ten minutes away 0.1 N, as no device moves farther than a metre.
 

@@ -80,6 +80,7 @@ def test_planes_that_turn_keep_the_springs_energy() -> None:
     assert 0.5 * LENT_J < first <= most <= first + 2.0 * LENT_J
 
 
+@pytest.mark.long
 def test_a_plane_that_lets_go_lets_go_and_pays_for_the_next() -> None:
     m, home = model(AXES), (0.0,) * AXES
     answer(m, wall(AXES, 1, 0.02), at=home)

@@ -17,6 +17,7 @@ from hapnet.control.zoh import ZeroOrderHold
 from hapnet.mechanics.plane import Plane
 from hapnet.mechanics.spring import Spring
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 
 K_WORLD, K_WALL, K, TICK = 500.0, 3000.0, 100.0, 1e-3
 DAMPING = 1.4
@@ -141,7 +142,7 @@ def moving(m: ContactModel, speed: float, level: float | None, seconds: float = 
     return -K * (y[0] - x)
 
 
-@pytest.mark.parametrize(("level", "kept"), [(1.0, 1.0), (0.5, 1.0), (0.25, 0.5), (0.0, 0.0)])
+@pytest.mark.parametrize(("level", "kept"), mostly_slow([(1.0, 1.0), (0.5, 1.0), (0.25, 0.5), (0.0, 0.0)], 2))
 def test_the_lead_yields_as_the_worlds_reservoir_empties(level: float, kept: float) -> None:
     """Lead and added damping cancel where the lead is whole; the hand pays for what has gone of it: b v."""
     m = model()
@@ -175,7 +176,7 @@ def test_a_low_reservoir_is_not_felt_in_contact() -> None:
     assert -K * (y[0] - x) == pytest.approx(x / (1.0 / K + K_WORLD / (K * K_WALL)), rel=1e-6)
 
 
-@pytest.mark.parametrize("remembers", [True, False])
+@pytest.mark.parametrize("remembers", mostly_slow([True, False], 1))
 def test_a_wall_that_vanished_while_the_hand_was_away_is_not_felt_any_more(remembers: bool) -> None:
     """A hand comes back from 170 mm at 0.6 m/s, to hold where the wall was. The world says in time that it has gone:
     there is no force but that of a set-position that has not come to rest. The wall would push with 3 N."""

@@ -24,6 +24,7 @@ def fed(times: list[float], motion: np.poly1d, **limits: float) -> MotionPredict
 
 
 @given(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 0.1), st.integers(0, 2**32 - 1))
+@pytest.mark.long
 def test_a_parabola_is_continued_exactly(a: float, b: float, c: float, ahead: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = [*np.sort(5.0 + rng.uniform(0.0, 0.06, 8)).tolist(), 5.0, 5.06]
@@ -122,6 +123,7 @@ def test_nothing_known_yet() -> None:
     assert source.stands_for(0.01) == 0.0
 
 
+@pytest.mark.long
 def test_of_more_positions_than_there_is_room_for_the_newest_count() -> None:
     """The last `MOST` of them, against numpy's fit; the window alone would hold three times as many."""
     rng = np.random.default_rng(5)

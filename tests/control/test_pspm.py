@@ -34,6 +34,7 @@ def modulator(n: int, seed: int, **kw: object) -> SetPositionModulator:
         max_size=30,
     ),
 )
+@pytest.mark.long
 def test_energy_is_conserved_and_never_negative(
     n: int, seed: int, shuffle: str, limited: bool, steps: list[tuple[list[float], float, float]]
 ) -> None:

@@ -22,6 +22,7 @@ steps = st.one_of(st.just(math.inf), st.floats(1e-2, 1e2))
 
 
 @given(forces, st.floats(1e-2, 1e2))
+@pytest.mark.long
 def test_the_ramp_is_the_sum_of_all_the_forces_on_the_way_down(force: float, step: float) -> None:
     lengths = force - step * np.arange(math.ceil(force / step) + 1)
     assert ramp(force, step) == pytest.approx(lengths[lengths > 0.0].sum(), rel=1e-9)
@@ -38,7 +39,8 @@ def unit(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(60), 8))
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 6, 30))
+@pytest.mark.long
 def test_the_account_pays_for_every_way_that_the_device_can_go(seed: int) -> None:
     """The device always goes with the force, as far as it can: the most that can be given out. Energy comes and goes
     as it likes otherwise, but never less than what the guard says that it needs."""
@@ -120,8 +122,8 @@ def test_no_stretch_needs_more_than_the_reserve(seed: int) -> None:
         assert found <= 2.0 * most + v * period * step if step < math.inf else found == pytest.approx(most, rel=1e-3)
 
 
-@pytest.mark.parametrize("coarse", [False, True], ids=["exact", "encoders"])
-@pytest.mark.parametrize("seed", mostly_slow(range(60), 8))
+@pytest.mark.parametrize("coarse", mostly_slow([False, True], 1), ids=["exact", "encoders"])
+@pytest.mark.parametrize("seed", mostly_slow(range(60), 6, 24))
 @pytest.mark.long
 def test_a_sampled_servo_never_overdraws_its_account_nor_steps_too_far(seed: int, coarse: bool) -> None:
     """Any motion within the declared speed, half of the time the worst; set-positions, energy and peers at random.

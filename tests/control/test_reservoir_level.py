@@ -37,6 +37,7 @@ numbers = st.floats(0.0, 1.0)
 
 
 @given(numbers, numbers, numbers, numbers, st.floats(0.0, 10.0))
+@pytest.mark.long
 def test_a_gift_is_never_more_than_can_be_spared(own: float, peer: float, room: float, spare: float, dt: float) -> None:
     given_J = gift(dt, own, peer, room, spare - 0.5)
     assert 0.0 <= given_J <= max(0.0, spare - 0.5)
@@ -48,6 +49,7 @@ def test_a_gift_is_never_more_than_can_be_spared(own: float, peer: float, room: 
 
 @settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.long
 def test_no_update_creates_energy_whatever_levels_are_told(seed: int) -> None:
     """E + phi after = E + phi before + received + D - sent - discarded, to rounding."""
     rng = np.random.default_rng(seed)
@@ -73,6 +75,7 @@ def test_no_update_creates_energy_whatever_levels_are_told(seed: int) -> None:
         assert done.discarded >= 0.0
 
 
+@pytest.mark.long
 def test_what_a_side_gives_stays_above_its_reserve() -> None:
     """A peer that reports for ever that it is empty gets all but the reserve and the margin."""
     one = side(0.05, reserve=0.02)
@@ -93,6 +96,7 @@ def test_what_covers_a_held_force_is_not_given_away() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.3])
+@pytest.mark.long
 def test_levels_approach_each_other_over_a_delay_and_nothing_is_lost(delay_s: float) -> None:
     """A full side and an empty one, both with 50 mJ of room: the full one gives until MARGIN is left between them. Over
     a delay it gives for so much longer; then the other one gives back."""

@@ -148,6 +148,7 @@ def test_switched_off_it_follows_at_any_price() -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
+@pytest.mark.long
 def test_the_ledger_balances_whatever_happens(seed: int) -> None:
     """A massless handle moved at will, its work at the port chosen as exactly what the spring and damper took:
     the slack is then what was discarded, and never below zero."""

@@ -212,6 +212,7 @@ def test_quantisation_by_hand() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
+@pytest.mark.long
 def test_the_true_slack_stays_within_the_quantisation_at_every_tick(seed: int) -> None:
     """Random motions with a worst-case error of up to half a count: W and phi of the true positions, by hand.
 

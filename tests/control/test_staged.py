@@ -11,6 +11,7 @@ from hapnet.couplings.registry import COUPLINGS, coupling
 from hapnet.errors import InvalidParameter
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation, simulate
+from tests.conftest import mostly_slow
 from tests.support.hand_port import LIGHT_HAND
 
 FAR: dict[str, object] = {"link.up": "intercontinental", "link.down": "intercontinental", "rendering": "hapnet"}
@@ -25,7 +26,7 @@ def stiffnesses(name: str) -> tuple[float, float]:
     return setup.tuning.stiffness_N_m, setup.tuning.stiffness_N_m
 
 
-@pytest.mark.parametrize("name", ["popc", "eba", "pd"])
+@pytest.mark.parametrize("name", mostly_slow(["popc", "eba", "pd"], 1))
 def test_a_wall_is_felt_at_once_however_long_the_link(name: str) -> None:
     """A proxy K' in the wall K_w, and the device's spring K to where it rests: F = K K_w / (K' + K_w) depth."""
     K, K_world = stiffnesses(name)
@@ -68,13 +69,13 @@ def lowest(name: str, link: str, lies: bool, seed: int) -> float:
 
 
 @pytest.mark.parametrize("lies", [False, True], ids=["true", "lying"])
-@pytest.mark.parametrize("link", ["lan", "4g", "intercontinental"])
+@pytest.mark.parametrize("link", mostly_slow(["lan", "4g", "intercontinental"], 1))
 def test_ebas_port_is_passive_whatever_the_stages_choose(link: str, lies: bool) -> None:
     """Its bound holds for any force that is asked for (Kim, Ryu 2004)."""
     assert lowest("eba", link, lies, 2) >= -1e-9
 
 
-@pytest.mark.parametrize("link", ["lan", "4g", "intercontinental"])
+@pytest.mark.parametrize("link", mostly_slow(["lan", "4g", "intercontinental"], 1))
 def test_popcs_port_is_passive_but_for_a_tick_of_its_force(link: str) -> None:
     """At most 3.3 N for 1 ms at 1 m/s: the controller acts one tick later."""
     assert lowest("popc", link, False, 2) >= -3.3e-3

@@ -65,6 +65,7 @@ def least_power(K: float, B: float, own: float) -> float:
 
 
 @pytest.mark.parametrize(("K", "B"), [(500.0, 0.1), (500.0, 0.5), (2000.0, 0.5)])
+@pytest.mark.long
 def test_held_it_is_passive_if_the_device_damps_by_more_than_half_a_periods_stiffness_and_its_damper(
     K: float, B: float
 ) -> None:

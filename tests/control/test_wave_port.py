@@ -50,6 +50,7 @@ def test_at_constant_velocity_the_device_scatters_as_defined(v: float, wave: flo
 
 
 @given(us=st.lists(st.tuples(number, number, step), min_size=1, max_size=10), b=impedance, B=impedance)
+@pytest.mark.long
 def test_the_world_conserves_energy_exactly(us: list[tuple[float, float, float]], b: float, B: float) -> None:
     """Wave power in is the change of the spring's energy, the damper's loss and what the mass gets."""
     K = 700.0
@@ -121,6 +122,7 @@ def test_sign_a_hand_that_presses_on_a_wall_puts_energy_in() -> None:
 
 
 @pytest.mark.parametrize("limit", [0.2, 3.3])
+@pytest.mark.long
 def test_what_is_sent_is_paid_for_by_what_was_really_held_and_done(limit: float) -> None:
     """The account at every sending, forces clipped and released, ticks irregular: in at the port and from the line."""
     rng = np.random.default_rng(4)

@@ -108,7 +108,7 @@ def assert_same(one_run: Result, other_run: Result) -> None:
 
 
 @pytest.mark.parametrize("changes", [PAPER, {}], ids=["paper", "auto"])
-@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in COUPLINGS], 1))
 def test_axes_in_another_order_are_the_same_run_in_that_order(coupling: str, changes: dict[str, Any]) -> None:
     changes = {"coupling": coupling, **(LOSSY if changes or coupling in OF_ONE_STIFFNESS else LINKS), **changes}
     of_axes = {} if coupling in OF_ONE_STIFFNESS else OF_AXES

@@ -18,7 +18,7 @@ from hapnet.params import Params
 from hapnet.simulation.simulation import simulate
 from netem import LinkProfile
 from netem.trace import CapacityTrace, ConditionTrace
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.processes import started
 
 DEFAULT = "delay 40ms 10ms loss 2%"
@@ -149,7 +149,7 @@ def test_it_runs_in_three_dimensions(coupling: str) -> None:
     assert motion["free_rms_m"] < 0.02
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in COUPLINGS], 4))
 def test_every_coupling_runs_and_is_the_same_again_from_its_summary(coupling: str) -> None:
     """At rest without force; within the actuators' limit in a box; its tuning is in the summary, and is read back."""
     spec = COUPLINGS[coupling]

@@ -6,6 +6,7 @@ import pytest
 from hapnet.ext.laws.eba import EnergyBounding
 from hapnet.ext.laws.parts.virtual_coupling import NEVER, Reset
 from hapnet.mechanics.spring import Spring
+from tests.conftest import mostly_slow
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
 from tests.support.paper import PAPER
 
@@ -216,7 +217,9 @@ def test_chatter_of_a_count_is_not_harvested() -> None:
     assert law.energy == (0.0,)
 
 
-@pytest.mark.parametrize("link", ["delay 40ms 10ms loss 2%", "wan-intercontinental", "delay 20ms loss gemodel 5% 10%"])
+@pytest.mark.parametrize(
+    "link", mostly_slow(["delay 40ms 10ms loss 2%", "wan-intercontinental", "delay 20ms loss gemodel 5% 10%"], 1)
+)
 def test_in_a_light_hand_it_is_passive_on_links_where_the_plain_coupling_is_not(link: str) -> None:
     params = PAPER.set({**LIGHT_HAND, "link.up": link, "link.down": link})
     params = params.set({"device.stiffness": 500.0, "world.stiffness": 2500.0})

@@ -12,6 +12,7 @@ from hapnet.control.reserve import spendable
 from hapnet.params import RELAXED_HAND, Params
 from hapnet.plant.device import SimulatedDevice
 from hapnet.simulation.simulation import Result, Simulation, simulate
+from tests.conftest import mostly_slow
 from tests.support.own_motion import beyond
 from tests.support.paper import PAPER
 
@@ -80,7 +81,7 @@ def test_the_rendered_force_never_steps_by_more_than_its_limit(step: float, monk
     assert steps.max() > 0.99 * step  # it was asked for
 
 
-@pytest.mark.parametrize("limit", [0.3, 2.0])
+@pytest.mark.parametrize("limit", mostly_slow([0.3, 2.0], 1))
 def test_the_held_force_keeps_to_its_limit(limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever spring and damper ask for, in two axes."""
     forces = held_forces(monkeypatch)
@@ -103,6 +104,7 @@ def test_what_the_spring_may_hold_is_covered(P: float, kept: float, far: float, 
         assert far * (np.sqrt(2.0 * K * phi) + drag) <= P * (1.0 + 1e-12) + 1e-100  # [J]: squares of less underflow
 
 
+@pytest.mark.slow
 def test_a_reservoir_below_its_reserve_fills_again_by_what_the_hand_pays() -> None:
     """As after a long stall of the servo: both reservoirs are nearly empty. A hand that moves pays, and feels the wall
     again; with the whole reserve kept first, there was no force at all, and so nothing to harvest."""

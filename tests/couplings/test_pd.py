@@ -10,6 +10,7 @@ from hapnet.control.coupling import MotionSample
 from hapnet.ext.laws.pd import DevicePD, Gains, WorldPD, round_trip, tuned
 from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
+from tests.conftest import mostly_slow
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
 
 
@@ -169,7 +170,7 @@ def against(omega: float, amplitude: float = 0.05) -> tuple[Trajectory, Trajecto
     return (lambda t: amplitude * (1.0 - math.cos(omega * t))), (lambda t: amplitude * (math.cos(omega * t) - 1.0))
 
 
-@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize("share", mostly_slow([0.0, 1.0], 1))
 @pytest.mark.parametrize("coordination", [0.0, 2.0])
 def test_a_cycle_costs_what_the_frequency_response_says(share: float, coordination: float) -> None:
     """Constant delays, nothing held for long: the sides against each other at w with amplitude V of velocity.
@@ -197,7 +198,7 @@ def slow(seed: int) -> Trajectory:
     return lambda t: sum(a * (1.0 - math.cos(w * t)) for a, w in waves)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly_slow(range(8), 4))
 def test_with_the_rules_damping_it_is_passive_for_slow_motions_over_delays_that_vary_below_the_bound(seed: int) -> None:
     """Irregular steps of 10 to 50 ms, sending every 5 ms, delays of 10 to 60 ms that overtake one another."""
     gains = tuned(200.0, round_trip(0.12, 0.005, 0.05, 0.001), 1e9)

@@ -10,6 +10,7 @@ from hapnet.control.reserve import ForceGuard
 from hapnet.couplings import set_position
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.support import own_motion
 
 STEP_N, STIFFNESS = 0.02, 300.0
@@ -32,13 +33,13 @@ def largest_step(coupling: str, **changes: object) -> float:
     return own_motion.largest_step(force, place, STIFFNESS)
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in COUPLINGS], 4))
 def test_no_law_steps_the_force_further(coupling: str) -> None:
     """A hand at a wall over 4g. The force and the position of each tick are recorded."""
     assert largest_step(coupling) <= STEP_N * (1.0 + 1e-6)
 
 
-@pytest.mark.parametrize("coupling", STAGED)
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in STAGED], 3))
 def test_nor_with_the_stages_in_a_world_that_lies(coupling: str) -> None:
     """A false plane in every message, up to 20 mm away: without the limit the spring's force jumps by newtons."""
     assert largest_step(coupling, **LYING) <= STEP_N * (1.0 + 1e-6)
@@ -71,7 +72,7 @@ def fastest(coupling: str) -> float:
     return float((after - np.maximum(np.linalg.norm(before, axis=1), SPEED)).max())
 
 
-@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in COUPLINGS], 4))
 def test_no_law_accelerates_a_device_beyond_its_speed(coupling: str) -> None:
     """Over 4g an oscillating spring reaches 0.7 m/s with a law that has no such limit."""
     assert fastest(coupling) < 1e-9

@@ -16,6 +16,7 @@ from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.support.hand_port import LIGHT_HAND
 
 T = 0.001
@@ -69,7 +70,7 @@ def test_a_step_sends_as_much_as_the_ticks_in_it() -> None:
     assert step.level == pytest.approx(0.1 * 0.99**30)
 
 
-@pytest.mark.parametrize("late", [0, 50, 300])
+@pytest.mark.parametrize("late", mostly_slow([0, 50, 300], 1))
 def test_the_shares_bring_the_levels_together_and_what_travels_is_known(late: int) -> None:
     """In balance each side receives what it sends, beta H, `late` ticks later: 2 H + 2 late beta H is all there is."""
     one, other = EnergyTank(0.1, 0.01, T), EnergyTank(0.0, 0.01, T)
@@ -229,7 +230,7 @@ def arrives(summary: Any) -> bool:
     return all(0.9 * flow["sent_nJ"] < flow["credited_nJ"] <= flow["sent_nJ"] for flow in flows)
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", mostly_slow([(one,) for one in LINKS], 1))
 @pytest.mark.parametrize("resolution", [0.0, 5.5e-5])
 def test_over_bad_links_it_is_passive_and_no_joule_is_made(link: str, resolution: float) -> None:
     """A light hand; of the energy sent all is credited, or on its way, and no more."""
@@ -242,7 +243,7 @@ def test_over_bad_links_it_is_passive_and_no_joule_is_made(link: str, resolution
     assert arrives(summary)
 
 
-@pytest.mark.parametrize("link", LINKS[1:])
+@pytest.mark.parametrize("link", mostly_slow([(one,) for one in LINKS[1:]], 0))
 def test_a_world_that_lies_without_limit_takes_no_more_than_the_tanks_held(link: str) -> None:
     plain, tanks = (run(link, {**FALSE, "operator": "hand-21"}, coupling)[0] for coupling in ("zoh", "two-layer"))
     assert plain["theorem"]["margin_J"] < -0.5

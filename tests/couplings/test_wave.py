@@ -205,7 +205,7 @@ def test_whole_runs_are_passive(link: str, operator: str) -> None:
     assert lowest(params(link__up=link, link__down=link, operator=operator)) >= -TOLERANCE_J
 
 
-@pytest.mark.parametrize(("missing", "passive"), [("zero", True), ("hold", False)])
+@pytest.mark.parametrize(("missing", "passive"), mostly_slow([("zero", True), ("hold", False)], 1))
 def test_holding_the_last_wave_is_not_passive_where_waves_are_lost(missing: str, passive: bool) -> None:
     """The downlink fails while the hand is pressed on the wall: a held wave keeps pushing while the hand gives way."""
     margin = lowest(params(wave__missing=missing, link__down_timeline="at 1.8s: down", duration_s=6.0))

@@ -16,6 +16,7 @@ from hapnet.ext.robots.bus_packets import Dynamixel2, FeetechPackets
 from hapnet.ext.robots.dynamixel import Dynamixel
 from hapnet.ext.robots.feetech import Feetech
 from hapnet.plant.operator import Rest, Sine
+from tests.conftest import mostly_slow
 from tests.support.buses import HAND, bus
 from tests.support.processes import until
 
@@ -153,7 +154,7 @@ def commanded(arm: BusArm, emulator: Any) -> list[float]:
     return [NM_A_COUNT * emulator.drive(servo) for servo in emulator.servos.values()]
 
 
-@pytest.mark.parametrize("correction", [0.9, 0.05])
+@pytest.mark.parametrize("correction", mostly_slow([0.9, 0.05], 1))
 def test_the_account_is_the_motors_own(correction: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A percent of the bytes is lost, commands with them, and the motors make half of what they are asked for: `acted`
     counts the work that they did by the emulator's account, and not that of the commands; by small corrections too."""

@@ -16,7 +16,7 @@ from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.devices.force_dimension import ForceDimension
 from hapnet.ext.tools.posed import Posed
 from hapnet.mechanics.pose import ARM_M, along_coordinates, coordinates
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.processes import assert_passive, started
 
 OPEN, WATCHDOG, GRAVITY, ENABLED, STOPPED, BRAKES, ENABLES, REGULATING, INITS = range(9)
@@ -325,8 +325,7 @@ def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp
     assert summary["motion"]["peak_force_N"] > 0.3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("wrist", [0, 1])
+@pytest.mark.parametrize("wrist", mostly_slow([0, 1], 0, 1))
 def test_a_run_with_a_tool_says_whether_there_is_torque(wrist: int, library: str, tmp_path: Path) -> None:
     argv = ("run", "--device", f"dhd:library={library}", "--scene", "tool:box", "--duration", 4, "--json", "-")
     with started(*argv, "--out", tmp_path / "run", env={"STUB_WRIST": str(wrist)}) as program:

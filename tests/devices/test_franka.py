@@ -17,6 +17,7 @@ from hapnet.ext.robots.franka import Franka
 from hapnet.ext.robots.franka_torques import LENT_J, TORQUE_LIMIT, ArmState, Torques
 from hapnet.ext.tools.posed import Posed
 from hapnet.mechanics.pose import AXES, pose
+from tests.conftest import mostly_slow
 from tests.support import franka_stand_in as stand_in
 
 NOTHING = np.zeros((3, 3))
@@ -89,6 +90,7 @@ def test_the_elbow_is_damped_and_the_tool_is_not_accelerated_by_that() -> None:
         assert both @ np.linalg.solve(mass, torque) == pytest.approx(np.zeros(6), abs=1e-9)
 
 
+@pytest.mark.long
 def test_the_wrists_spring_has_a_potential() -> None:
     """1 - cos of the angle: what turning about one axis takes, summed up over small steps."""
     start = arm(stand_in.START)
@@ -104,7 +106,7 @@ def _about_z(angle: float) -> Any:
     return np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("lossy", [False, True])
+@pytest.mark.parametrize("lossy", mostly_slow([False, True], 1))
 @pytest.mark.parametrize("axes", ["xyz", "x"])
 @pytest.mark.long
 def test_the_account_has_all_work_of_the_torques(lossy: bool, axes: str, library: None) -> None:
@@ -233,6 +235,7 @@ def test_it_begins_only_with_a_robot_that_is_ready(library: None) -> None:
     assert stand_in.Robot.made.thresholds[1] == [36.0] * 4 + [12.0] * 3
 
 
+@pytest.mark.long
 def test_a_computer_that_accepts_a_connection_and_never_answers_is_no_robot() -> None:
     """The maker's own library waits for it for ever."""
     if find_spec("pylibfranka") is None:
@@ -273,7 +276,8 @@ def test_it_reports_how_far_its_tool_has_turned(joint: int, axis: Vector, librar
     assert device.orientation() == pytest.approx(turned, abs=2e-3)  # the posture's angles have three digits
 
 
-@pytest.mark.parametrize("lossy", [False, True])
+@pytest.mark.parametrize("lossy", mostly_slow([False, True], 1))
+@pytest.mark.long
 def test_with_a_tool_the_account_has_the_work_of_force_and_torque(lossy: bool, library: None) -> None:
     """As without one, along the twelve coordinates of the tool's pose."""
     device, robot = begun()

@@ -20,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hapnet.recording.mcap import read_recording
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.processes import assert_passive, started
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def beyond_the_motion(to: Array, at: Array) -> Array:
     return np.linalg.norm(change - share[:, None] * moved, axis=1)
 
 
-@pytest.mark.parametrize("feedback", ["position", "force"])
+@pytest.mark.parametrize("feedback", mostly_slow(["force", "position"], 0, 1))
 def test_it_follows_over_4g_and_meets_a_wall_in_the_air(feedback: str, simulator: Path, tmp_path: Path) -> None:
     """The network is pulled for a second. What is asserted does not depend on how busy the machine is."""
     given = ("world.stiffness=1000", "world.damping=60", "follower.force_scale=0.05", "follower.fixtures=true")

@@ -113,6 +113,7 @@ def test_a_stick_that_jumps_makes_a_motion_that_the_range_allows(pipe: Pipe, clo
 
 
 @given(st.lists(st.binary(max_size=20), max_size=10))
+@pytest.mark.long
 def test_any_bytes_leave_positions_within_reach(chunks: list[bytes]) -> None:
     for kind in (Gamepad, SpaceMouse):
         device = kind(3, path=os.devnull)

@@ -12,7 +12,7 @@ from hapnet.assembly.build import device_session, device_side, prepare
 from hapnet.checks import Array, Vector
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.side.real_device import RealDeviceSide
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.paper import PAPER
 
 PLACES = [(CENTRE[0] + x, CENTRE[1] + y) for x, y in product(np.linspace(-0.03, 0.03, 7), np.linspace(-0.03, 0.03, 7))]
@@ -81,7 +81,7 @@ class Timed(Pantograph):
         super().__init__(dof, lambda: Timed.now_s)
 
 
-@pytest.mark.parametrize("count", [1e-12, pantograph.COUNT])
+@pytest.mark.parametrize("count", mostly_slow([(one,) for one in [1e-12, pantograph.COUNT]], 1))
 def test_the_account_of_a_run_is_the_joints_work(monkeypatch: pytest.MonkeyPatch, count: float) -> None:
     """4 s, the spring's end on a circle of 15 mm around a hand that goes 30 mm. The motors integrate their own work.
 

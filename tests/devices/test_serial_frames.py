@@ -55,6 +55,7 @@ def test_frames_read_back_however_they_are_cut(states: list[wire.BoardState], da
 
 
 @given(STATES, st.data())
+@pytest.mark.long
 def test_a_damaged_frame_is_dropped_and_the_next_is_found(state: wire.BoardState, data: st.DataObject) -> None:
     """Any one byte lost or changed is damage that this checksum always finds."""
     whole = wire.state(state)
@@ -76,6 +77,7 @@ def test_rubbish_is_no_frame_and_nothing_raises(raw: bytes) -> None:
 
 
 @given(st.lists(st.tuples(NUMBERS, st.integers(-wire.FULL, wire.FULL)), max_size=4), st.binary(max_size=6))
+@pytest.mark.long
 def test_commands_read_back_after_rubbish(sent: list[tuple[int, int]], before: bytes) -> None:
     commands = [wire.BoardCommand(b"F", number, force) for number, force in sent]
     found, left = wire.commands(before + b"".join(map(wire.command, commands)))

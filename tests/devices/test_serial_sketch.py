@@ -12,6 +12,7 @@ import pytest
 
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.ext.devices.serial_axis import SerialAxis
+from tests.conftest import mostly_slow
 from tests.support.processes import started, until
 from tests.support.serial_board import SKETCH, STAND_IN, SketchBoard, compiled
 
@@ -126,7 +127,7 @@ def test_the_sketch_limits_the_force_and_takes_it_away_by_itself(axis: SerialAxi
     until(lambda: acted() == 0.0)  # nothing is sent any more
 
 
-@pytest.mark.parametrize("speed_mm_s", [0.5, -20.0, 200.0])
+@pytest.mark.parametrize("speed_mm_s", mostly_slow([0.5, -20.0, 200.0], 1))
 def test_the_velocity_of_a_steady_motion(make_board: MakeBoard, speed_mm_s: float) -> None:
     """At 0.5 mm/s there is a count each 30 ms. Two counts are enough to know the speed, and it stays known between."""
     for axis in opened(make_board(speed_mm_s)):
@@ -162,7 +163,7 @@ def halved(chance: random.Random) -> Callable[[bytes], bytes]:
     return lambda data: data[: len(data) // 2] if chance.random() < 0.1 else data
 
 
-@pytest.mark.parametrize("spoil", [changed, lost, halved])
+@pytest.mark.parametrize("spoil", mostly_slow([(one,) for one in [changed, lost, halved]], 1))
 def test_what_is_damaged_on_the_way_is_no_reading(
     make_board: MakeBoard, spoil: Callable[[random.Random], object]
 ) -> None:

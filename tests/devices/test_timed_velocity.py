@@ -107,6 +107,7 @@ def test_a_noisy_sensor_is_smoothed_over_16_samples(speed: float) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(1e-5, 0.1), st.floats(-1.0, 1.0)), min_size=2, max_size=40))
+@pytest.mark.long
 def test_it_is_finite_and_within_the_slopes(steps: list[tuple[float, float]]) -> None:
     """The slope of a line through two positions lies between the least and the greatest of the slopes between."""
     velocity = TimedVelocity(1e-3, 1e-3)

@@ -241,7 +241,7 @@ def never_above_the_truth(words: dict[str, float], most_N: float) -> None:
 
 
 @pytest.mark.usefixtures("slide")
-@pytest.mark.parametrize("devices", [2, pytest.param(12, marks=SLOW)])
+@pytest.mark.parametrize("devices", [pytest.param(2, marks=SLOW), pytest.param(12, marks=pytest.mark.soak)])
 def test_the_bound_is_never_above_the_truth(devices: int) -> None:
     @settings(max_examples=devices, phases=NO_SHRINKING)
     @given(words=SLIDES, most_N=st.floats(0.1, 1.0))

@@ -20,6 +20,7 @@ from hapnet.ext.page.watcher import Watcher
 from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.summary.words import headline
 from hapnet.transport.config import ZenohSettings
+from tests.conftest import mostly_slow
 from tests.faults import test_ended_runs
 from tests.faults.support import let_pass
 from tests.support.processes import Program, read_json, started, until
@@ -142,7 +143,7 @@ def assert_sides_left_theirs(code: int, folder: Path, when: str, since: str, *, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("who", "number"), [("world", signal.SIGKILL), ("device", signal.SIGTERM)])
+@pytest.mark.parametrize(("who", "number"), mostly_slow([("device", signal.SIGTERM), ("world", signal.SIGKILL)], 0, 1))
 def test_a_side_that_ends_leaves_a_verdict_and_a_summary(who: str, number: signal.Signals, tmp_path: Path) -> None:
     ended(who, number, Moment("paired", 2.0), tmp_path)
 

@@ -209,7 +209,7 @@ def assert_ended(who: str, what: str, outcomes: list[Outcome]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "who", "what"), FAULTS)
 def test_no_force_is_left(kind: str, who: str, what: str, tmp_path: Path) -> None:
-    assert_ended(who, what, faults(kind, who, what, 2, tmp_path))
+    assert_ended(who, what, faults(kind, who, what, 1, tmp_path))
 
 
 @pytest.mark.soak

@@ -39,7 +39,7 @@ KILLS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("role", "on_silence", "kills", "rendering"), mostly_slow(KILLS, 0, 2))
+@pytest.mark.parametrize(("role", "on_silence", "kills", "rendering"), mostly_slow(KILLS, 0, 1))
 def test_a_side_killed_in_contact_comes_back(
     role: Role, on_silence: str, kills: int, rendering: str, tmp_path: Path
 ) -> None:

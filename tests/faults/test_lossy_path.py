@@ -9,6 +9,7 @@ from examples.secure.make_certificates import main as make_certificates
 from hapnet.errors import RecordingError
 from hapnet.recording.mcap import read_recording
 from hapnet.wire.messages import Role
+from tests.conftest import mostly_slow
 from tests.faults.support import Side
 from tests.faults.test_namespaces import BLOCKED_MS, LITTLE, assert_all_credited, joined
 from tests.support.processes import assert_side_passive
@@ -36,7 +37,7 @@ def has_credited(side: Side) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("protocol", ["tcp", "udp", "quic"])
+@pytest.mark.parametrize("protocol", mostly_slow(["udp", "tcp", "quic"], 0, 2))
 def test_packets_are_lost_below_the_transport(protocol: str, tmp_path: Path) -> None:
     """Nothing is lost for good, the servo never waits, and both sides keep their half of the theorem."""
     with joined(tmp_path, protocol, cable=LOSSY) as pair:

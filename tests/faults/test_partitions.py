@@ -14,6 +14,7 @@ from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
 from hapnet.wire.messages import Role
 from netem.units import format_time
+from tests.conftest import mostly_slow
 from tests.faults.invariants import (
     NANO,
     assert_device_within_limits,
@@ -166,7 +167,7 @@ def assert_outages(both: dict[Role, Side], role: Role, partitions: list[Partitio
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gone_s", [0.5, 3.0])
+@pytest.mark.parametrize("gone_s", mostly_slow([0.5, 3.0], 0, 1))
 def test_the_zenoh_session_lost_and_opened_again(gone_s: float, tmp_path: Path) -> None:
     """All of the way between the two is one relay, which is killed and started again."""
     between = free_address()

@@ -14,6 +14,7 @@ from hapnet.wire.energy_channel import EnergyChannel
 from hapnet.wire.handshake import Handshake
 from hapnet.wire.messages import Message, decode
 from hapnet.wire.session import SessionSettings
+from tests.conftest import mostly_slow
 from tests.fuzzing import corpus, coverage_guided, lives, storm
 from tests.fuzzing.__main__ import main
 from tests.fuzzing.decoder import allowed, decoded
@@ -34,10 +35,11 @@ def test_twenty_thousand_messages_do_no_harm(target: str) -> None:
     run_many(target, 1, DEFAULT[target])
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("parts", mostly_slow([10, 1], 0, 1))
 @pytest.mark.parametrize("target", TARGETS)
-def test_half_a_million_messages_do_no_harm(target: str) -> None:
-    run_many(target, 1_000, SLOW[target], SLOW_STORM)
+def test_half_a_million_messages_do_no_harm(target: str, parts: int) -> None:
+    """A tenth of them among the slow tests."""
+    run_many(target, 1_000, SLOW[target] // parts, SLOW_STORM // parts)
 
 
 def test_a_storm_is_the_same_again() -> None:
@@ -52,6 +54,7 @@ def test_a_storm_is_the_same_again() -> None:
     assert frames(7) != frames(8)
 
 
+@pytest.mark.long
 def test_a_storm_reaches_every_kind_of_message_and_of_refusal() -> None:
     mutator = Mutator(random.Random(3), storm.SEEDS, own=corpus.DEVICE, role="world", dof=1)
     mutator.peer = corpus.WORLD
@@ -83,6 +86,7 @@ def test_the_predicate_and_the_decoder_agree_on_the_corpus(name: str) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.slow
 def test_what_coverage_found_does_no_harm() -> None:
     """The lives that atheris begins with, and the deepest that it found, without atheris."""
     for life in [*lives.starts("session"), *corpus.found_lives()]:
@@ -134,6 +138,7 @@ def test_a_failure_names_seed_frame_and_command(
     assert capsys.readouterr().err.strip() == words
 
 
+@pytest.mark.long
 def test_a_credit_given_twice_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     admit = EnergyChannel.admit
 
@@ -165,6 +170,7 @@ def test_a_list_that_grows_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "_seen holds" in found("device")
 
 
+@pytest.mark.long
 def test_a_stale_position_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def lenient(**words: Any) -> SessionSettings:
         return SessionSettings(**words | {"accept_stale": True})

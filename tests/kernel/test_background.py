@@ -46,7 +46,7 @@ class Soon:
 
 
 @pytest.mark.parametrize("scene", mostly_slow(["wall", "sphere?friction=0.5"], 1))
-@pytest.mark.parametrize("times", [0, 1, 4])
+@pytest.mark.parametrize("times", mostly_slow([0, 1, 4], 1))
 def test_compiled_code_takes_over_in_the_middle_of_a_run(
     times: int, scene: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -62,6 +62,7 @@ def test_compiled_code_takes_over_in_the_middle_of_a_run(
     assert not differing(expected, found)
 
 
+@pytest.mark.slow
 def test_a_process_compiles_and_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Machine code is kept with the user's caches, and not beside the package."""
     before = set((ROOT / "hapnet").rglob("*.nb?"))

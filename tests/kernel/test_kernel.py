@@ -34,18 +34,18 @@ def test_numba_is_there() -> None:
     assert machine_code.no_compiler() is None
 
 
-@pytest.mark.parametrize("servo", ["sampled", "continuous"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("servo", mostly_slow(["sampled", "continuous"], 1))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), 3))
 def test_one_axis_gives_the_same_bits(seed: int, servo: str) -> None:
     assert not differences(kernel_case(seed, 1, servo), seed)
 
 
-@pytest.mark.parametrize("seed", range(100, 104))
+@pytest.mark.parametrize("seed", mostly_slow(range(100, 104), 1))
 def test_several_axes_give_the_same_bits_with_a_held_force(seed: int) -> None:
     assert not differences(kernel_case(seed, 0), seed)
 
 
-@pytest.mark.parametrize("seed", range(200, 204))
+@pytest.mark.parametrize("seed", mostly_slow(range(200, 204), 2))
 def test_several_axes_give_the_same_bits_with_the_continuous_servo(seed: int) -> None:
     assert not differences(kernel_case(seed, 0, "continuous"), seed)
 
@@ -54,8 +54,8 @@ def test_energy_that_is_lost_and_sent_again_gives_the_same_bits() -> None:
     assert not differences(LOSSY, 1)
 
 
-@pytest.mark.parametrize("servo", ["sampled", "continuous"])
-@pytest.mark.parametrize("edge", ONE_AXIS)
+@pytest.mark.parametrize("servo", mostly_slow(["sampled", "continuous"], 1))
+@pytest.mark.parametrize("edge", mostly_slow([(one,) for one in ONE_AXIS], 4))
 def test_at_the_edges_one_axis_gives_the_same_bits(edge: str, servo: str) -> None:
     params = PAPER.set({"duration_s": 1.2, **ONE_AXIS[edge], "device.servo": servo})
     assert not differences(params, 1)
@@ -66,9 +66,8 @@ def test_at_the_edges_several_axes_give_the_same_bits(edge: str) -> None:
     assert not differences(PAPER.set({"duration_s": 1.2, **SEVERAL_AXES[edge]}), 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
-@pytest.mark.parametrize("seed", range(1000, 1025))
+@pytest.mark.parametrize("seed", mostly_slow(range(1000, 1025), 0, 5))
 def test_many_cases_give_the_same_bits(seed: int, servo: str) -> None:
     assert not differences(kernel_case(seed, seed % 2, servo, 5.0), seed)
 
@@ -107,7 +106,7 @@ def test_every_law_is_compiled_on_its_own() -> None:
 
 
 @pytest.mark.parametrize("coupling", ["pspm", "zoh"])
-@pytest.mark.parametrize("operator", ["press", "sine", "rest", "hand-4"])
+@pytest.mark.parametrize("operator", mostly_slow(["press", "sine", "rest", "hand-4"], 1))
 def test_what_studies_compare_by_default_gives_the_same_bits(coupling: str, operator: str) -> None:
     params = SAMPLED.set({"coupling": coupling, "operator": operator, "link.up": "4g", "link.down": "4g"})
     assert not differences(params, 3)
@@ -154,7 +153,8 @@ def test_a_run_that_leaves_the_range_of_messages_goes_to_the_reference() -> None
             ("link.up", "rate 100kbit limit 5000"),
             ("link.down", "delay 3s limit 5000"),
         ],
-        2,
+        1,
+        3,
     ),
 )
 def test_a_run_with_more_on_a_link_than_the_kernel_has_room_for_goes_to_the_reference(where: str, words: str) -> None:
@@ -219,7 +219,7 @@ def test_machine_code_of_other_sources_does_not_count(monkeypatch: pytest.Monkey
     assert not sources.are_compiled("one")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_ends_that_two_processes_compiled_run_in_one(tmp_path: Path) -> None:
     """Numba numbers functions in each process anew; records of other sizes under the same name crashed the third."""
     environment = {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path)}

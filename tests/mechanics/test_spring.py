@@ -35,6 +35,7 @@ def test_force_never_exceeds_the_limit() -> None:
         assert math.hypot(*spring.force((0.0,) * len(e), e)) <= spring.force_limit * (1.0 + 1e-12)
 
 
+@pytest.mark.long
 def test_nearest_respects_the_energy_exactly_and_uses_it_up() -> None:
     rng = np.random.default_rng(3)
     for _ in range(2000):

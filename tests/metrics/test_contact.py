@@ -136,7 +136,7 @@ def test_against_bisection(faces: int, trajectories: int) -> None:
     assert all(kinds[k] >= trajectories / 4 for k in wanted), kinds
 
 
-@pytest.mark.parametrize("faces", [1, 2])
+@pytest.mark.parametrize("faces", mostly_slow([1, 2], 1))
 @pytest.mark.long
 def test_work_is_never_positive_over_a_closed_visit(faces: int) -> None:
     rng = np.random.default_rng([12, faces])
@@ -263,7 +263,7 @@ def oblique_walls(rng: np.random.Generator, n: int) -> list[Wall]:
     ]
 
 
-@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize("n", mostly_slow([2, 3], 1))
 @pytest.mark.long
 def test_walls_that_act_on_one_another_are_solved_together(n: int) -> None:
     """Each wall's own law holds at the velocity that all of them give, and they store no more than they get."""
@@ -293,6 +293,7 @@ def test_walls_that_act_on_one_another_are_solved_together(n: int) -> None:
     assert together > 200
 
 
+@pytest.mark.long
 def test_separate_walls_have_the_same_step_when_they_are_solved_together() -> None:
     rng = np.random.default_rng(28)
     walls = [Wall((s * (i == 0), s * (i == 1)), 0.02, 3000.0, 10.0) for i in range(2) for s in (1.0, -1.0)]

@@ -8,6 +8,7 @@ import pytest
 from hapnet.ext.metrics.effective import effective_offset
 from hapnet.ext.study.case import measure
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 
 TIMES = np.arange(0.0, 20.0, 1e-3)
 
@@ -16,7 +17,7 @@ def moved(times: np.ndarray) -> np.ndarray:
     return np.column_stack([0.03 * np.sin(2.0 * np.pi * 0.7 * times), 0.02 * np.cos(2.0 * np.pi * 1.1 * times)])
 
 
-@pytest.mark.parametrize("delay_s", [-0.1, 0.0, 0.05, 0.316, 1.1])
+@pytest.mark.parametrize("delay_s", mostly_slow([-0.1, 0.0, 0.05, 0.316, 1.1], 3))
 def test_a_pure_delay_is_found_and_is_no_error(delay_s: float) -> None:
     found = effective_offset(TIMES, moved(TIMES), np.ones(len(TIMES), bool), TIMES, moved(TIMES - delay_s))
     assert found is not None

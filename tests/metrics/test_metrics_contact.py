@@ -20,6 +20,7 @@ def presses(seconds: float = 8.0) -> tuple[Array, Array]:
     return t, -0.01 * np.cos(np.pi * t)
 
 
+@pytest.mark.long
 def test_the_stiffness_that_is_rendered() -> None:
     """Force 70 N/m times the depth once a visit is 115 ms old, drag before and outside, which must not count."""
     t, depth = presses()

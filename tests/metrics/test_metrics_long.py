@@ -149,6 +149,7 @@ def long_run() -> tuple[Measured, case.Measures]:
     return simulated(params, 3), case.measure(params, 3)
 
 
+@pytest.mark.slow
 def test_the_windows_of_a_long_run_again_in_other_words(long_run: tuple[Measured, case.Measures]) -> None:
     run, found = long_run
     t, x = run.device["time_s"], run.device["position_m"][:, 0]

@@ -13,6 +13,7 @@ import pytest
 
 from netem import PRESETS
 from netem.cli import main
+from tests.conftest import mostly_slow
 
 
 def test_profiles_lists_all(capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,7 +150,7 @@ def test_show_takes_words_without_quotes_and_names(capsys: pytest.CaptureFixture
     assert json.loads(capsys.readouterr().out)["profile"] == PRESETS["geo"]
 
 
-@pytest.mark.parametrize("words", ["delay 40ms 10ms loss 10%", "loss 100%", ""])
+@pytest.mark.parametrize("words", mostly_slow(["delay 40ms 10ms loss 10%", "loss 100%", ""], 1))
 def test_show_draws_a_figure(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "figure.png"
     assert main(["show", words, "--count", "500", "--png", str(target)]) == 0
@@ -169,7 +170,7 @@ def test_help_loads_neither_numpy_nor_a_relay() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", ["udp", "zenoh"])
+@pytest.mark.parametrize("kind", mostly_slow(["udp", "zenoh"], 1))
 def test_a_relay_stops_cleanly_with_its_figures(kind: str, number: int, tmp_path: Path) -> None:
     target = tmp_path / "figures.json"
     where = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:9"]

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from netem import PRESETS, ConditionTrace, Link, LinkProfile, expect
+from tests.conftest import mostly_slow
 from tests.netem.support import drive
 
 MS = 1_000_000
@@ -100,13 +101,16 @@ def test_delays_of_conditions_weigh_by_time() -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [
-        "delay 40ms 10ms 25% loss 5% 25%",
-        "delay 40ms 10ms distribution normal loss gemodel 1% 20% 70% 0.1%",
-        "delay 15ms 10ms distribution paretonormal loss state 3% 25% 15% 30% 2%",
-        "delay 20ms 5ms reorder 25% 50% loss 10%",
-        "delay 20ms 5ms reorder 25% gap 3 loss 10%",
-    ],
+    mostly_slow(
+        [
+            "delay 40ms 10ms 25% loss 5% 25%",
+            "delay 40ms 10ms distribution normal loss gemodel 1% 20% 70% 0.1%",
+            "delay 15ms 10ms distribution paretonormal loss state 3% 25% 15% 30% 2%",
+            "delay 20ms 5ms reorder 25% 50% loss 10%",
+            "delay 20ms 5ms reorder 25% gap 3 loss 10%",
+        ],
+        1,
+    ),
 )
 @pytest.mark.long
 def test_links_achieve_what_is_expected(words: str) -> None:
@@ -127,6 +131,7 @@ def test_links_achieve_what_is_expected(words: str) -> None:
     assert found.delay_std_ms == pytest.approx(expected.delay_std_ms, rel=0.02)
 
 
+@pytest.mark.long
 def test_correlated_reordering_with_a_gap() -> None:
     count = 100_000
     link: Link[int] = Link(LinkProfile.parse("delay 20ms reorder 25% 50% gap 3"), 4)
@@ -152,6 +157,7 @@ SOURCED = {  # medians and other quantiles that the comments beside the profiles
 
 
 @pytest.mark.parametrize("name", SOURCED)
+@pytest.mark.long
 def test_named_profiles_have_the_quantiles_of_their_sources(name: str) -> None:
     """Of messages so far apart, as in the sources, that none waits for another."""
     link: Link[int] = Link(LinkProfile.preset(name).replace(rate_bit_s=0), 1)

@@ -116,6 +116,7 @@ def test_a_gap_alone_sends_every_nth_message_ahead() -> None:
     assert [number for due, number in out if due == number * 100 * MS] == list(range(4, 100, 5))
 
 
+@pytest.mark.long
 def test_a_gap_with_chance_waits_and_then_tries() -> None:
     """Mean distance of two messages sent ahead: gap - 1 that cannot, then 1/P tries."""
     link = link_of("delay 10ms reorder 25% gap 4")
@@ -126,6 +127,7 @@ def test_a_gap_with_chance_waits_and_then_tries() -> None:
     assert link.stats.sent_ahead == pytest.approx(50_000 / distances, abs=5 * error)
 
 
+@pytest.mark.long
 def test_correlated_reordering_reorders_as_often_as_asked() -> None:
     """`reorder 25% 50%` sends 7 % ahead in the kernel, which collapses there."""
     link = link_of("delay 10ms reorder 25% 50%")
@@ -213,6 +215,7 @@ def test_rate_is_the_kernels() -> None:
     assert np.abs(kernel[:arrived, 2] - delays).max() < 0.02 * delays.max()
 
 
+@pytest.mark.long
 def test_reordering_puts_messages_where_the_kernel_puts_them() -> None:
     """Given the kernel's choice of messages to send ahead, their places in the order of arrival follow."""
     kernel = recorded("reo")
@@ -256,6 +259,7 @@ def test_corruption_reaches_the_bytes_inside_an_item() -> None:
 
 
 @given(st.lists(st.sampled_from(["send", "passes", "down", "up", "delay", "nothing"]), max_size=60))
+@pytest.mark.long
 def test_what_passes_is_what_send_and_poll_would_have_let_out(steps: list[str]) -> None:
     """Two links live through the same; one asks first whether the message passes. Both deliver and count the same."""
     straight: Link[int] = Link(LinkProfile(), seed=1)

@@ -14,6 +14,7 @@ from scipy import stats
 from netem import LinkProfile, models
 from netem.effects import FourStateLoss, GilbertElliottLoss, RandomLoss, Slot
 from netem.survey import lag_1_correlation
+from tests.conftest import mostly_slow
 from tests.netem.support import burst_lengths, recorded
 
 J = 10_000_000
@@ -93,7 +94,7 @@ def test_delays_are_never_negative() -> None:
     assert take_delays("delay 1ms 10ms distribution normal", 10_000).min() == 0.0
 
 
-@pytest.mark.parametrize("name", CDFS)
+@pytest.mark.parametrize("name", mostly_slow([(one,) for one in CDFS], 1))
 @pytest.mark.parametrize("correlation", [0.25, 0.5, 0.9])
 @pytest.mark.long
 def test_delay_correlation_is_the_one_asked_for_and_leaves_the_distribution(name: str, correlation: float) -> None:
@@ -106,6 +107,7 @@ def test_delay_correlation_is_the_one_asked_for_and_leaves_the_distribution(name
     assert stats.kstwo.sf(stats.kstest(thinned, CDFS[name]).statistic - 1 / 4096, len(thinned)) > 1e-3
 
 
+@pytest.mark.long
 def test_clipped_delays_keep_the_correlation_asked_for() -> None:
     assert lag_1_correlation(take_delays("delay 4ms 10ms 50%", 200_000)) == pytest.approx(0.5, abs=0.015)
 

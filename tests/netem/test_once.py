@@ -3,6 +3,7 @@
 import pytest
 
 from netem import PRESETS, CapacityTrace, ConditionTrace, Link, LinkProfile
+from tests.conftest import mostly_slow
 
 MS = 1_000_000
 COUNT = 4_000
@@ -21,7 +22,8 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize("profile", EFFECTS.values(), ids=EFFECTS)
+@pytest.mark.parametrize("profile", mostly_slow([(one,) for one in EFFECTS.values()], 4), ids=EFFECTS)
+@pytest.mark.long
 def test_of_thousands_of_messages_each_is_delivered_once_or_counted(profile: LinkProfile) -> None:
     """Also across a link that goes down and up, and one that is changed while messages are under way."""
     link: Link[int] = Link(profile, 1)

@@ -10,6 +10,7 @@ from netem import Link, LinkProfile, ProfileError, survey
 from netem.cli import main
 from netem.notes import notes
 from netem.rate_trace import RateTrace
+from tests.conftest import mostly_slow
 from tests.netem.support import MS, drive
 
 DELAYS = np.round(np.random.default_rng(5).lognormal(3.3, 0.35, 3000), 2)  # ms, about 29 ms with a tail to 90 ms
@@ -30,7 +31,8 @@ def arrived(words: str, count: int = 200_000, interval_ns: int = MS) -> survey.S
 
 
 @pytest.mark.parametrize(
-    ("first", "scale"), [("", 1.0), ("# ping of a lab\n\n", 1.0), ("delay_us\n", 1e-3), ("delay_s\n", 1e3)]
+    ("first", "scale"),
+    mostly_slow([("", 1.0), ("# ping of a lab\n\n", 1.0), ("delay_us\n", 1e-3), ("delay_s\n", 1e3)], 1),
 )
 def test_measured_delays_alone_are_the_link(tmp_path: Path, first: str, scale: float) -> None:
     words = f"distribution {column(tmp_path, DELAYS / scale, first=first)}"
@@ -79,6 +81,7 @@ def test_a_table_of_iproute2(tmp_path: Path) -> None:
         LinkProfile.parse(path)
 
 
+@pytest.mark.slow
 def test_delays_and_losses_over_time(tmp_path: Path) -> None:
     rows = [(0.0, 20.5, 0.0), (1.0, 60.25, 40.0), (1.5, 30.0, 10.0), (3.0, 25.0, 0.0)]
     text = "time_s,delay_ms,loss_percent\n" + "".join(f"{t},{d},{p}\n" for t, d, p in rows)

@@ -11,6 +11,7 @@ from scipy import stats
 from netem import ConditionTrace, Link, LinkProfile, Timeline, TimelinePlayer, expect, models
 from netem.effects import RandomLoss, Resend
 from netem.loss_chain import lost_again
+from tests.conftest import mostly_slow
 from tests.netem.support import drive, loss_models
 
 MS = 1_000_000
@@ -64,7 +65,10 @@ def test_resends_begin_in_the_middle_and_go_on_where_something_else_changes() ->
     assert arrived_of(once, f"delay 3ms {once}", count) == arrived_of(once, once, count)
 
 
-@pytest.mark.parametrize("loss", ["gemodel 2% 20%", "gemodel 5% 30% 80% 1%", "state 3% 25% 15% 30% 2%", "10% 60%"])
+@pytest.mark.parametrize(
+    "loss", mostly_slow(["gemodel 2% 20%", "gemodel 5% 30% 80% 1%", "state 3% 25% 15% 30% 2%", "10% 60%"], 1)
+)
+@pytest.mark.long
 def test_a_burst_takes_the_resends_with_it(loss: str) -> None:
     """All N resends are lost as often as N more losses follow one in a plain link, the first of the burst or not."""
     count, times = 30_000, 2
@@ -80,6 +84,7 @@ def test_a_burst_takes_the_resends_with_it(loss: str) -> None:
 
 
 @given(loss_models, st.integers(1, 12))
+@pytest.mark.long
 def test_the_chances_that_losses_go_on_only_fall(loss: RandomLoss, most: int) -> None:
     chances = lost_again(loss, most)
     assert len(chances) == most
@@ -147,6 +152,7 @@ def test_in_order_is_in_order_whatever_the_jitter(more: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(waits, min_size=1, max_size=40), st.integers(1, 5), waits, st.booleans(), st.integers(0, 99), st.data())
+@pytest.mark.long
 def test_over_a_line_each_message_takes_its_turn_when_it_is_offered_for_the_last_time(
     pauses: list[int], times: int, after_ns: int, in_order: bool, seed: int, data: st.DataObject
 ) -> None:

@@ -52,6 +52,7 @@ def test_doubling_ends_at_the_kernels_maximum() -> None:
 
 
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="two programs and a relay at once")
+@pytest.mark.long
 def test_a_lost_segment_comes_a_round_trip_and_200_ms_late() -> None:
     server = socket.create_server(("127.0.0.1", 0))
     arrived: list[float] = []

@@ -20,12 +20,14 @@ def histogram_of(delays_ns: list[int]) -> DelayHistogram:
 
 
 @given(st.lists(st.integers(2000, 10**12), min_size=1, max_size=600), st.sampled_from([0.0, 0.5, 0.99, 1.0]))
+@pytest.mark.long
 def test_quantiles_are_those_of_the_sample_within_a_bin(delays_ns: list[int], fraction: float) -> None:
     exact = float(np.quantile(delays_ns, fraction, method="inverted_cdf")) * 1e-6
     assert histogram_of(delays_ns).quantile_ms(fraction) == pytest.approx(exact, rel=0.011)
 
 
 @given(st.lists(st.integers(0, 10**12), min_size=1, max_size=600))
+@pytest.mark.long
 def test_mean_and_deviation_are_exact(delays_ns: list[int]) -> None:
     histogram = histogram_of(delays_ns)
     assert histogram.mean_ms() == pytest.approx(np.mean(delays_ns) * 1e-6, rel=1e-12)

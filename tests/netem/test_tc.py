@@ -82,6 +82,7 @@ def test_the_beginnings_of_words_and_sizes_as_tc_reads_them() -> None:
     )
 
 
+@pytest.mark.slow
 def test_tcs_own_tables() -> None:
     """The tables that netem computes are those of iproute2; `experimental` is read from where it is installed."""
     places = [place for place in Path("/usr/lib").glob("**/tc") if (place / "normal.dist").exists()]

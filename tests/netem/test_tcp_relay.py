@@ -13,6 +13,7 @@ import pytest
 from netem import LinkProfile, NetemError
 from netem.relay import format_address
 from netem.tcp_relay import WINDOW, TcpRelay
+from tests.conftest import mostly_slow
 
 WAIT_S = 60.0
 Programs = tuple[asyncio.StreamReader, asyncio.StreamWriter]
@@ -68,7 +69,9 @@ async def pair(up: str = "", down: str = "", seed: int = 1) -> AsyncIterator[tup
 
 @pytest.mark.parametrize(
     "words",
-    ["", "delay 3ms 2ms", "loss 10%", "delay 2ms 2ms loss 20% 30% reorder 20%", "delay 1ms rate 200mbit loss 3%"],
+    mostly_slow(
+        ["", "delay 3ms 2ms", "loss 10%", "delay 2ms 2ms loss 20% 30% reorder 20%", "delay 1ms rate 200mbit loss 3%"], 1
+    ),
 )
 async def test_every_byte_arrives_once_and_in_order(words: str) -> None:
     """Both directions at once; SHA-256 over what was sent is an account of its own."""

@@ -26,6 +26,7 @@ def timelines(draw: st.DrawFn, max_ns: int = units.MAX_TIME_NS) -> Timeline:
 
 @settings(max_examples=50)
 @given(timelines())
+@pytest.mark.long
 def test_text_round_trip(timeline: Timeline) -> None:
     assert Timeline.parse(str(timeline)) == timeline
 
@@ -187,6 +188,7 @@ def test_a_caller_who_is_late_is_told_the_last_whole_repetition(seen_ns: int, la
 
 @settings(max_examples=50, deadline=None)
 @given(timelines(60 * MS), st.integers(0, 2**32))
+@pytest.mark.long
 def test_no_timeline_repeats_a_message_or_loses_it_uncounted(timeline: Timeline, seed: int) -> None:
     link: Link[int] = Link(LinkProfile(), seed)
     player = TimelinePlayer(link, timeline, 0)

@@ -45,6 +45,7 @@ def crossings(trace: CapacityTrace, messages: list[tuple[int, int]]) -> list[int
 
 @settings(max_examples=300)
 @given(traces, st.lists(st.tuples(st.integers(0, 9), st.sampled_from([0, 1, 100, 749, 750, 1500, 1501, 4000]))))
+@pytest.mark.long
 def test_messages_cross_as_mahimahis_opportunities_let_them(trace: CapacityTrace, sends: list[tuple[int, int]]) -> None:
     messages, now = [], 0
     for pause_ms, size in sends:
@@ -55,6 +56,7 @@ def test_messages_cross_as_mahimahis_opportunities_let_them(trace: CapacityTrace
 
 
 @given(traces, st.integers(-(10**12), 10**12))
+@pytest.mark.long
 def test_the_next_opportunity_is_the_first_later_one(trace: CapacityTrace, elapsed_ns: int) -> None:
     number = trace.first_after(elapsed_ns)
     assert trace.time_ns(number - 1) <= elapsed_ns < trace.time_ns(number)

@@ -14,7 +14,7 @@ from hapnet.mechanics.spring import Spring
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Impedance, Operator, Rest, Sine
 from hapnet.plant.tick import TickResult
-from tests.conftest import random_spd
+from tests.conftest import mostly_slow, random_spd
 
 HAND = Impedance()
 
@@ -26,7 +26,7 @@ class Away(Rest):
         return self._position if t > 0.0 else (0.0,) * len(self._position)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", mostly_slow([1, 2, 3], 1))
 @pytest.mark.parametrize("limit", [None, 0.4])
 @pytest.mark.parametrize("general", [False, True])
 @pytest.mark.long
@@ -124,6 +124,7 @@ def test_second_order_convergence_to_the_exact_motion(general: bool) -> None:
     assert orders == pytest.approx([2.0, 2.0], abs=0.1)
 
 
+@pytest.mark.long
 def test_both_ways_of_computing_a_tick_agree() -> None:
     """A diagonal K, axis by axis and as a matrix (the matrix path is forced by an off-diagonal of 1e-300)."""
     results = []

@@ -34,7 +34,7 @@ def run(changes: dict[str, object], seed: int = 3) -> Result:
     return simulate({**FOLLOWS, "device.servo": "sampled", **changes}, seed)
 
 
-@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
+@pytest.mark.parametrize("rendering", mostly_slow(["paper", "hapnet"], 1))
 @pytest.mark.parametrize(("a", "b"), mostly_slow([(2.0, 0.5), (0.2, 3.0), (4.0, 4.0)], 1))
 def test_a_scaled_robot_is_another_robot_in_the_leaders_units(rendering: str, a: float, b: float) -> None:
     """x = x_r/a and F = b F_r make of M x_r'' = F_r the equation of a robot with a b M, and so on for all it has."""
@@ -144,7 +144,7 @@ LEANS = (0.3, 0.0, -math.sqrt(1.0 - 0.3**2))
 
 @pytest.mark.parametrize(
     ("feedback", "a", "b"),
-    mostly_slow([("planes", 0.5, 1.0), ("force", 0.5, 1.0), ("planes", 3.0, 2.0)], 1),
+    mostly_slow([("planes", 3.0, 2.0), ("force", 0.5, 1.0), ("planes", 0.5, 1.0)], 1, 2),
 )
 def test_a_wall_that_a_scaled_tool_touches_is_felt_with_b_and_its_torque_with_b_over_a(
     feedback: str, a: float, b: float
@@ -187,7 +187,7 @@ def test_a_wall_that_a_turn_reaches_is_told_as_early_to_a_scaled_tool(a: float) 
     assert world.contacts.planes((0.0,) * AXES, 0.01)
 
 
-@pytest.mark.parametrize("a", mostly_slow([5.0, 0.5, 0.1], 1))
+@pytest.mark.parametrize("a", mostly_slow([5.0, 0.1, 0.5], 1, 2))
 def test_a_tool_goes_a_times_as_far_as_its_leader_and_turns_as_it_does(a: float) -> None:
     changes = {"scene": "tool:box", "operator": "press", "operator_model.hold_s": 5.0, "duration_s": 2.5}
     result = run({**changes, "follower.motion_scale": a, "follower.start": "origin"})
@@ -277,6 +277,7 @@ def test_what_does_not_fit_a_robot_is_named(changes: dict[str, object], name: st
     assert caught.value.name == name
 
 
+@pytest.mark.slow
 def test_an_arm_leads_its_twin_joint_by_joint() -> None:
     """Axes in radians, and a follower of 4.5e-4 kg m^2 a joint."""
     result = run({"scene": "joints", "hardware": "omni?axes=joints", "operator": "sine", "duration_s": 3.0})

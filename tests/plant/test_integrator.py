@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from hapnet.errors import InvalidParameter
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall
-from tests.conftest import random_spd
+from tests.conftest import mostly_slow, random_spd
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ def stored_energy(M: Array, K: Array, x: Array, v: Array, ybar: Array) -> Array:
     return 0.5 * np.einsum("ki,ij,kj->k", v, M, v) + 0.5 * np.einsum("ki,ij,kj->k", e, K, e)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", mostly_slow([1, 2, 3], 1))
 @pytest.mark.parametrize("walled", [False, True])
 @pytest.mark.long
 def test_identity_13_over_random_steps(n: int, walled: bool) -> None:
@@ -73,6 +73,7 @@ def test_step_obeys_its_equations() -> None:
 
 @given(st.lists(st.tuples(st.floats(1e-4, 0.05), *[st.floats(-0.03, 0.03)] * 3), min_size=1, max_size=30),
        st.booleans(), st.sampled_from([1, 3]))  # fmt: skip
+@pytest.mark.long
 def test_one_and_three_dimensions_are_computed_as_any_are(
     steps: list[tuple[float, float, float, float]], walled: bool, n: int
 ) -> None:
@@ -200,6 +201,7 @@ def diagonal_or_full(rng: np.random.Generator, n: int, full: bool) -> Array:
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize("K", [None, 300.0], ids=["K full", "K scalar"])
+@pytest.mark.long
 def test_a_push_is_the_dense_solution_and_keeps_its_energy(n: int, full: bool, K: float | None) -> None:
     """M (v1 - v)/T = p - g (v + v1)/2 solved for v1 as it stands, by numpy; the work of tau becomes kinetic energy.
 

@@ -39,6 +39,7 @@ def test_a_pen_touches_and_lifts() -> None:
     assert 0.02 < np.abs(np.diff(path[:, 1])).max() / 1e-3 < 0.3
 
 
+@pytest.mark.long
 def test_a_number_is_a_motion_and_a_grip_is_a_parameter() -> None:
     stiff = named("strokes-7", **{"operator_model.stiffness": 900.0})
     assert stiff.impedance.stiffness == 900.0

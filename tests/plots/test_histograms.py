@@ -11,6 +11,7 @@ from hapnet.ext.pictures.histograms import lateness_histogram, link_histogram
 from hapnet.records.histogram import Histogram
 from netem import Link, LinkProfile
 from netem.profile import PRESETS
+from tests.conftest import mostly_slow
 
 
 def measured(words: str, count: int = 2000) -> dict[str, Any]:
@@ -54,7 +55,11 @@ def test_delays_are_drawn_in_bars_of_one_width() -> None:
     assert second.get_xlabel() == "delay in the link [ms]"
 
 
-@pytest.mark.parametrize("words", [PRESETS["4g"], PRESETS["worst"], "delay 35ms loss 0.25% rate 6mbit " * 3])
+@pytest.mark.parametrize(
+    "words",
+    mostly_slow([(one,) for one in [PRESETS["4g"], PRESETS["worst"], "delay 35ms loss 0.25% rate 6mbit " * 3]], 1),
+)
+@pytest.mark.long
 def test_a_link_in_words_does_not_reach_into_the_legend(words: str) -> None:
     link = {**measured("delay 40ms 10ms", 100), "profile": words}
     fig = link_histogram({"links": {"up": link, "down": link}})
@@ -73,6 +78,7 @@ def test_those_sent_ahead_do_not_hide_the_others() -> None:
     assert fig.axes[0].get_ylim()[1] < 2 * heights[0]
 
 
+@pytest.mark.long
 def test_a_long_tail_gets_a_logarithmic_axis_on_which_bins_are_counts() -> None:
     up = {"profile": "", "delay_histogram_ms": [[0.0, 0], [0.001, 5], [10.0, 0], [11.0, 90], [990.0, 0], [999.0, 2]]}
     fig = link_histogram({"links": {"up": up, "down": None}})
@@ -86,6 +92,7 @@ def test_a_long_tail_gets_a_logarithmic_axis_on_which_bins_are_counts() -> None:
     fig.canvas.draw()
 
 
+@pytest.mark.long
 def test_lateness_counts_every_tick_once_and_where_it_was() -> None:
     counted = Histogram()
     late = np.random.default_rng(2).lognormal(10.0, 1.5, 3000).astype(int).tolist()

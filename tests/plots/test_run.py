@@ -83,7 +83,7 @@ def test_print_size_and_legends_clear_of_the_data(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("n", mostly_slow([3, 1, 2], 1))
-@pytest.mark.parametrize("sides", ["device", "world", "device world", ""])
+@pytest.mark.parametrize("sides", mostly_slow(["device", "world", "device world", ""], 1))
 def test_any_dimension_and_either_side_alone(n: int, sides: str) -> None:
     fig = figure(run(n, sides))
     assert len(fig.axes) == (5 if n > 1 and sides else 4)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.conftest import mostly_slow
 from tests.measure.changed_walls import CHANGES, HANDS, Denied, denied
 
 STEP_N = 0.5  # device.step_limit_N
@@ -17,18 +18,18 @@ def assert_mended(change: str, one: Denied) -> None:
         assert one.wrong <= 0.1 * one.right + (LEAD_N if change in ("vanishes", "comes") else 0.005)
 
 
-@pytest.mark.parametrize("change", ["moves by 3 mm", "vanishes", "lies"])
+@pytest.mark.parametrize("change", mostly_slow(["moves by 3 mm", "vanishes", "lies"], 1))
 def test_what_changes_under_the_hand_is_right_after_100_ms_and_passive(change: str) -> None:
     assert_mended(change, denied(change, "light", 1.7, stiffness=LIGHT_NPM))
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("seeds", mostly_slow([(range(1),), (range(1, 6),)], 0, 1), ids=["one", "all"])
 @pytest.mark.parametrize("hand", HANDS)
 @pytest.mark.parametrize("change", CHANGES)
-def test_at_any_moment_of_a_contact(change: str, hand: str) -> None:
+def test_at_any_moment_of_a_contact(change: str, hand: str, seeds: range) -> None:
     """A wall that comes throws a light hand out, the faster the stiffer the spring: there with the paper's."""
     stiffness = 0.0 if hand != "light" else 100.0 if change == "comes" else LIGHT_NPM
-    for seed in range(6):
+    for seed in seeds:
         assert_mended(change, denied(change, hand, 1.2 + 0.37 * seed, seed=seed, stiffness=stiffness))
 
 

@@ -73,16 +73,16 @@ def check(case: int, make: Callable[[int], dict[str, object]] = drawn) -> None:
         assert abs(mass.port_J(counted) - counted) <= blur + 1e-12, params
 
 
-@pytest.mark.parametrize("case", mostly_slow(range(10), 4))
+@pytest.mark.parametrize("case", mostly_slow(range(10), 2, 6))
 def test_the_theorem_holds_with_a_robot_as_the_world(case: int) -> None:
     check(case)
 
 
-@pytest.mark.parametrize("case", mostly_slow([1, 4, 0, 2, 3, *range(5, 20)], 2, 6))
+@pytest.mark.parametrize("case", mostly_slow([4, 1, 0, 2, 3, *range(5, 20)], 1, 3))
 def test_the_theorem_holds_with_a_tool_that_turns(case: int) -> None:
     check(case, drawn_tool)
 
 
-@pytest.mark.parametrize("case", mostly_slow(range(10, 100), 0, 20))
+@pytest.mark.parametrize("case", mostly_slow(range(10, 100), 0, 3))
 def test_the_theorem_holds_with_a_robot_over_a_hundred_links(case: int) -> None:
     check(case)

@@ -35,6 +35,7 @@ CHANNEL = st.lists(st.tuples(st.integers(0, 150), st.floats(0, 0.002), st.floats
 
 @FEW
 @given(CHANNEL, CHANNEL)
+@pytest.mark.long
 def test_a_channel(before: list[tuple[float, ...]], after: list[tuple[float, ...]]) -> None:
     def run(c: EnergyChannel, moments: list[tuple[float, ...]], now_ns: int) -> list[Any]:
         seen: list[Any] = []
@@ -53,6 +54,7 @@ def test_a_channel(before: list[tuple[float, ...]], after: list[tuple[float, ...
 
 @FEW
 @given(*[st.lists(st.tuples(*[ENERGIES] * 5), max_size=10)] * 2)
+@pytest.mark.long
 def test_a_ledger(before: list[tuple[float, ...]], after: list[tuple[float, ...]]) -> None:
     def run(ledger: Ledger, terms: list[tuple[float, ...]]) -> list[float]:
         for work, credited, sent, stored, reservoir in terms:
@@ -70,6 +72,7 @@ def test_a_ledger(before: list[tuple[float, ...]], after: list[tuple[float, ...]
 
 @FEW
 @given(*[st.lists(st.tuples(st.sampled_from(["device", "world", "begin"]), ENERGIES), max_size=12)] * 2)
+@pytest.mark.long
 def test_both_ports(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> None:
     def run(ports: TwoPort, events: list[tuple[str, float]]) -> list[float | None]:
         seen = []
@@ -88,6 +91,7 @@ def test_both_ports(before: list[tuple[str, float]], after: list[tuple[str, floa
 
 
 @given(*[st.lists(st.integers(0, 10**12), min_size=1, max_size=40)] * 2)
+@pytest.mark.long
 def test_delays_that_others_counted(here: list[int], there: list[int]) -> None:
     alone, helped = DelayHistogram(), DelayHistogram()
     alone.pending += here + there

@@ -131,16 +131,19 @@ async def test_a_recording_is_whole_and_a_servos_process_is_gone(
     assert number > 2 * step
 
 
-@pytest.mark.parametrize("victim", mostly_slow([PROGRAM, SIDE], 0, 1))
-async def test_every_place(place: Place, victim: str) -> None:
+@pytest.mark.parametrize(("victim", "step"), mostly_slow([(PROGRAM, 4), (SIDE, 4), (PROGRAM, 1), (SIDE, 1)], 0, 2))
+async def test_every_place(place: Place, victim: str, step: int) -> None:
+    """Or every fourth, among the slow tests."""
     number = 0
     while await place.cancelled(number, victim):
-        number += 1
+        number += step
     assert number > FIRST
 
 
-@pytest.mark.slow
-async def test_every_place_of_a_world_whose_device_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("step", mostly_slow([3, 1], 0, 1))
+async def test_every_place_of_a_world_whose_device_stays(
+    step: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The world is cancelled; the device, which renders a force, waits for the next one."""
     address = local_address(str(tmp_path))
     settings = {**SETTINGS, "device.silence_after_s": 0.05}
@@ -158,7 +161,7 @@ async def test_every_place_of_a_world_whose_device_stays(tmp_path: Path, monkeyp
                 leaks = Leaks(sessions)
                 hit, _ = await cancelled_at(number, program, PROGRAM)
                 await leaks.require_none()
-                number += 1
+                number += step
         assert number > 10
         assert kept[0].forces[-1] == (0.0,)
 
@@ -219,13 +222,13 @@ def side_program(address: str) -> Callable[[], Coroutine[Any, Any, Any]]:
     return program
 
 
-@pytest.mark.slow
-async def test_every_place_of_a_side_without_its_block(place: Place) -> None:
+@pytest.mark.parametrize("step", mostly_slow([3, 1], 0, 1))
+async def test_every_place_of_a_side_without_its_block(place: Place, step: int) -> None:
     program, number, hit = side_program(place.address), 0, True
     while hit:
         hit, task = await cancelled_at(number, program, PROGRAM)
         await place.leaks.require_none()
-        number += 1
+        number += step
     assert task.result() is None
     assert number > 12
 

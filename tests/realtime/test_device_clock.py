@@ -75,6 +75,7 @@ def test_what_a_tick_takes_is_counted_once() -> None:
     assert rig.side.last_ns == pytest.approx(2.2e9, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_servo_that_was_away_is_no_fault_of_the_devices_clock() -> None:
     """For 3 s; some readings waited meanwhile and come at once afterwards, the others are lost."""
     rig = Rig(Timed)

@@ -19,6 +19,7 @@ from hapnet.recording.telemetry import Status, Telemetry
 from hapnet.simulation.simulation import Simulation
 from hapnet.transport.config import ZenohSettings, free_address
 from netem.errors import NetemError
+from tests.conftest import mostly_slow
 from tests.support.pairs import WAIT_S, Running, idle, parameters, running
 
 
@@ -61,7 +62,7 @@ async def test_a_paused_pair_stands_still_and_goes_on() -> None:
     assert device.reported("pause") == ["paused", "goes on"]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_slow(range(3), 1))
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
 def test_pauses_at_any_time_cost_no_passivity(servo: str, seed: int) -> None:
     """Each side's half of Theorem 1, and the whole, whoever stands still and whenever."""
@@ -100,7 +101,9 @@ def test_the_link_is_changed_before_it_runs() -> None:
     assert side.summary()["links"]["up"]["profile"] == "delay 7ms"
 
 
-@pytest.mark.parametrize(("words", "error"), [("dealy 3ms", NetemError), ("corrupt 5%", InvalidParameter)])
+@pytest.mark.parametrize(
+    ("words", "error"), mostly_slow([("dealy 3ms", NetemError), ("corrupt 5%", InvalidParameter)], 1)
+)
 async def test_a_link_that_is_none_changes_nothing(words: str, error: type[Exception]) -> None:
     address, params = free_address(), parameters()
     device = Running("device", address, params)

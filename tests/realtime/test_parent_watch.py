@@ -15,7 +15,7 @@ from hapnet.plant.operator import Impedance, Rest
 from hapnet.realtime.parent_watch import HANGS, HANGS_LOOKS, LOOK_NS, STOPPED, ParentWatch
 from hapnet.realtime.servo_pipe import available
 from hapnet.summary.verdict import judge
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.side.test_real_device import Rig
 from tests.summary.test_verdict import but
 from tests.support.processes import until
@@ -192,7 +192,7 @@ def test_a_servo_whose_parent_stands_still_renders_no_force_until_it_goes_on(
     assert told()[0] == 0.0
 
 
-@pytest.mark.parametrize("fork", [False, True])
+@pytest.mark.parametrize("fork", mostly_slow([False, True], 1))
 def test_a_servo_whose_parent_is_killed_renders_no_force_and_ends(
     fork: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from tests.support.processes import started
 from tests.support.replays import here as here, replayed
 
 
+@pytest.mark.slow
 async def test_a_session_whose_link_was_changed_by_hand_is_replayed(tmp_path: Path) -> None:
     address, params = (
         free_address(),

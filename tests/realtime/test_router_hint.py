@@ -25,6 +25,7 @@ def address() -> Iterator[str]:
         yield address
 
 
+@pytest.mark.slow
 def test_two_peers_that_dial_a_router_are_told_to_be_clients(address: str) -> None:
     """Eclipse-zenoh/zenoh#372: peers behind a router do not meet."""
     line = "(that node is a router, through which only clients meet: start both sides with -m client)"
@@ -52,6 +53,7 @@ def test_a_client_whose_other_side_is_absent_is_told_what_that_needs(address: st
         device.until_line("(a world with -m client and the same --session and --name is not connected to that router")
 
 
+@pytest.mark.slow
 def test_a_side_that_is_connected_to_a_stranger_is_told_that_the_other_may_not_be_started() -> None:
     address = free_address()
     with (

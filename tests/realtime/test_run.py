@@ -13,7 +13,7 @@ from hapnet import cli
 from hapnet.assembly import memory
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
-from tests.conftest import ENVIRONMENT
+from tests.conftest import ENVIRONMENT, mostly_slow
 from tests.support.processes import assert_accounts_agree, assert_passive, child_of, read_json, size, started
 
 
@@ -112,7 +112,7 @@ def test_energy_that_passes_through_the_link_is_judged_at_both_ports_at_once(tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize("more", mostly_slow([(("--realtime",),), ((),)], 0, 1), ids=["realtime", "thread"])
 def test_a_deadband_sends_less_and_shuffles_all_the_same_and_no_files_are_left(
     more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -335,6 +335,7 @@ def test_what_fails_outside_is_told_and_ends_nothing_else(running: Running) -> N
     assert servo.part()["servo"]["ticks"] > 0
 
 
+@pytest.mark.slow
 def test_no_surplus_is_lost_to_a_parent_that_does_not_read(diary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The parent stops reading for 500 ticks: positions are dropped and counted, energy is not."""
     running, reported = Running(f"{__name__}:Counting"), Path(f"{diary}.count")

@@ -179,6 +179,7 @@ class Terminal:
 @pytest.mark.parametrize(
     "role", ["device", pytest.param("world", marks=pytest.mark.slow), pytest.param("run", marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_a_closed_terminal_ends_a_side_in_order(role: str) -> None:
     address = free_address()
     sides: dict[str, list[str]] = {"world": ["-l", address], "device": ["-e", address, *ARM]}

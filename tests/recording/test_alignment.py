@@ -20,6 +20,7 @@ from hapnet.simulation.replay import read_original
 from hapnet.summary.from_samples import total_margin
 from hapnet.summary.recorded import of_recordings
 from netem import LinkProfile, Timeline
+from tests.conftest import mostly_slow
 from tests.support.two_clocks import SECOND, Clock, Traffic, TwoHosts, traffic
 
 AHEAD = Clock(123_456.789, 40e-6)
@@ -43,7 +44,7 @@ def test_clocks_are_aligned_to_better_than_half_the_jitter(profile: str, seed: i
     assert found.error_s == pytest.approx(low, rel=0.05)
 
 
-@pytest.mark.parametrize("silence_s", [(59.5, 119.5), (60.0, 121.0)])
+@pytest.mark.parametrize("silence_s", mostly_slow([(one,) for one in [(59.5, 119.5), (60.0, 121.0)]], 1))
 def test_a_silence_does_not_spoil_what_is_around_it(silence_s: tuple[float, float]) -> None:
     """Of three minutes one is missing, but for a moment at its ends; then no message is, in one whole window."""
     seen = traffic(("wifi", "wifi"), 104, AHEAD, 180.0)

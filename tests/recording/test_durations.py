@@ -42,6 +42,7 @@ def test_a_quantile_of_even_samples_is_numpys(values: list[float], share: float)
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(1, 9)), min_size=1, max_size=20), st.floats(0.0, 1.0))
+@pytest.mark.long
 def test_a_sample_that_stands_for_three_steps_weighs_as_three(rows: list[tuple[float, int]], share: float) -> None:
     values, counts = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     lasting = counts / 1000.0

@@ -89,8 +89,8 @@ def rows(recording: Recording) -> int:
     return sum(len(side["time_ns"]) for side in (recording.device, recording.world) if side is not None)
 
 
-@pytest.mark.parametrize("numbers", mostly_slow([((0, 17, CHUNKS - 1),), (range(CHUNKS),)], 1), ids=["three", "all"])
-@pytest.mark.parametrize("how", ["bit", "head", "zeros", "cut"])
+@pytest.mark.parametrize("numbers", mostly_slow([((0, 17, CHUNKS - 1),), (range(CHUNKS),)], 1, 1), ids=["three", "all"])
+@pytest.mark.parametrize("how", mostly_slow(["bit", "head", "zeros", "cut"], 1))
 @pytest.mark.long
 def test_one_damaged_chunk_of_thirty_five_costs_one_chunk(
     whole: tuple[Path, list[Place], bool], tmp_path: Path, how: str, numbers: Sequence[int]
@@ -129,6 +129,7 @@ def test_one_damaged_chunk_of_thirty_five_costs_one_chunk(
 
 
 @pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.long
 def test_a_repaired_copy_has_all_that_is_left(tmp_path: Path, closed: bool) -> None:
     path = tmp_path / "a.mcap"
     data = written(path, closed=closed)
@@ -141,7 +142,7 @@ def test_a_repaired_copy_has_all_that_is_left(tmp_path: Path, closed: bool) -> N
     assert copy.meta == META
 
 
-@pytest.mark.parametrize(("before", "behind"), mostly_slow([(211, 139), (73, 47)], 1))
+@pytest.mark.parametrize(("before", "behind"), mostly_slow([(809, 541), (211, 139), (73, 47)], 1, 2))
 @pytest.mark.long
 def test_damage_outside_chunks_costs_no_samples(tmp_path: Path, before: int, behind: int) -> None:
     """Each copy of the settings, the header, the summary, the index, and the end; byte by byte of the small ones.
@@ -165,6 +166,7 @@ def test_other_versions_settings_without_a_checksum_are_read() -> None:
     assert not recording.torn
 
 
+@pytest.mark.long
 def test_a_swapped_number_in_the_settings_is_found(tmp_path: Path) -> None:
     """Damage that leaves valid JSON: the second copy counts."""
     path = tmp_path / "a.mcap"
@@ -216,12 +218,13 @@ def refusal(path: Path) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", mostly_slow([1, 2], 1))
 @pytest.mark.long
 def test_random_damages_are_read_or_refused_in_one_line(tmp_path: Path, seed: int) -> None:
     try_damages(tmp_path / "a.mcap", 40, seed)
 
 
-@pytest.mark.parametrize("seed", mostly_slow(range(40), 0, 4))
-def test_ten_thousand_random_damages_in_forty_parts(tmp_path: Path, seed: int) -> None:
-    try_damages(tmp_path / "a.mcap", 250, 100 + seed)
+@pytest.mark.parametrize(("seed", "count"), mostly_slow([(40, 60), *((seed, 250) for seed in range(40))], 0, 1))
+def test_ten_thousand_random_damages_in_forty_parts(tmp_path: Path, seed: int, count: int) -> None:
+    """And a few of others among the slow tests."""
+    try_damages(tmp_path / "a.mcap", count, 100 + seed)

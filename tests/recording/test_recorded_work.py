@@ -49,7 +49,7 @@ def spring(stiffness: float, side: Columns) -> Any:
 
 
 @pytest.mark.parametrize("resolution_m", [0.0, 5e-5])
-@pytest.mark.parametrize("scene", ["wall", "box", "sphere"])
+@pytest.mark.parametrize("scene", mostly_slow(["wall", "box", "sphere"], 1))
 def test_a_held_force_does_its_work_on_the_way_of_the_tick_that_follows(scene: str, resolution_m: float) -> None:
     """-sum tau . dx of what was really applied. What the spring does not hold of it is in the reservoir."""
     settings = {"device.servo": "sampled", "scene": scene, "device.resolution_m": resolution_m}
@@ -64,7 +64,7 @@ def test_a_held_force_does_its_work_on_the_way_of_the_tick_that_follows(scene: s
     np.testing.assert_allclose(device["account_J"], left - device["potential_J"], rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.parametrize("servo", mostly_slow(["sampled", "continuous"], 1))
 @pytest.mark.parametrize("operator", ["press", "sine"])
 def test_the_hands_work_is_that_of_its_force_in_every_substep(operator: str, servo: str) -> None:
     """One substep a tick: force times way. With four only the last one's force is recorded.
@@ -150,7 +150,7 @@ def test_of_an_engine_it_is_force_times_way_in_every_substep(timestep_s: float, 
     assert lost_J > 1e-4 if substeps > 1 else lost_J < ROUNDING_J
 
 
-@pytest.mark.parametrize("coupling", sorted(COUPLINGS))
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in sorted(COUPLINGS)], 3))
 def test_the_recorded_margin_and_slack_are_their_sums_in_every_coupling(coupling: str) -> None:
     for side in columns(BASE.set({"coupling": coupling, "device.servo": "sampled"})):
         margin = side["work_J"] + side["bound_J"] + side["credited_J"] - side["sent_J"]

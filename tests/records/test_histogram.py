@@ -2,12 +2,14 @@
 
 import math
 
+import pytest
 from hypothesis import given, strategies as st
 
 from hapnet.records.histogram import Histogram
 
 
 @given(values=st.lists(st.integers(0, 2**41), min_size=1), q=st.floats(0.0, 1.0))
+@pytest.mark.long
 def test_quantile_is_the_nearest_rank_to_one_part_in_32(values: list[int], q: float) -> None:
     histogram = Histogram()
     for value in values:

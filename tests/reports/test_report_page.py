@@ -25,6 +25,7 @@ from hapnet.summary.servos import milli_up
 from hapnet.summary.structure import known, read
 from hapnet.summary.tables import links, motion, sides
 from hapnet.summary.words import legible
+from tests.conftest import mostly_slow
 from tests.plots.test_run import run
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -117,7 +118,7 @@ def test_what_a_reader_wants_to_know_comes_in_that_order(simulated: Recording) -
     assert len(found.attributes("img")) == 2
 
 
-@pytest.mark.parametrize("zooms", [False, True])
+@pytest.mark.parametrize("zooms", mostly_slow([False, True], 0))
 def test_the_first_screen_has_verdict_picture_and_five_values(
     zooms: bool, simulated: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,7 +213,7 @@ HOSTILE = (
 )
 
 
-@pytest.mark.parametrize("text", [" ".join(HOSTILE), *HOSTILE[-2:]])
+@pytest.mark.parametrize("text", mostly_slow([(one,) for one in [" ".join(HOSTILE), *HOSTILE[-2:]]], 1))
 def test_whatever_a_recording_says_is_text(text: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     from hapnet.recording.mcap import RecordingWriter
 

@@ -22,7 +22,7 @@ from examples.pictures import ring
 from examples.secure import make_certificates as certificates
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
-from tests.conftest import ENVIRONMENT, ROOT
+from tests.conftest import ENVIRONMENT, ROOT, mostly_slow
 from tests.support.processes import started
 
 EXAMPLES = {file.stem: file for file in sorted((ROOT / "examples").glob("*.py"))}
@@ -115,6 +115,7 @@ def test_pantograph(tmp_path: Path) -> None:
     assert np.median(device["force_N"][at_rest], axis=0) == pytest.approx([-felt, 0.0], abs=0.02)
 
 
+@pytest.mark.slow
 def test_own_world(tmp_path: Path) -> None:
     """A slow hand: K_h (A - x) = K (x - p) and K' (x - p) = K_w (p - wall) at the sine's crest, at either wall."""
     said = run("own_world", cwd=tmp_path)
@@ -129,6 +130,7 @@ def test_own_world(tmp_path: Path) -> None:
     assert 0.0 <= out < bound == 150.0
 
 
+@pytest.mark.slow
 def test_own_moving_world(tmp_path: Path) -> None:
     """A hand at rest, K_h = 135 N/m, in series with both couplings and the piston's face, which comes to x = -5 mm."""
     said = run("own_moving_world", cwd=tmp_path)
@@ -266,6 +268,7 @@ def test_link_study(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.slow
 def test_asyncio_program(tmp_path: Path) -> None:
     said = run("asyncio_program", cwd=tmp_path)
     rows = numbers("# s: delay up to # ms (p99), # of # messages lost, passivity margin now # mJ", said)
@@ -331,7 +334,7 @@ def test_make_certificates_adds_a_device_to_an_authority_that_is_there(tmp_path:
         certificates.main(["carol"], None, directory)
 
 
-@pytest.mark.parametrize("device", ["world", "ca", "a/b", "a b", ""])
+@pytest.mark.parametrize("device", mostly_slow(["world", "ca", "a/b", "a b", ""], 1))
 def test_make_certificates_refuses_names_that_collide(device: str, tmp_path: Path) -> None:
     done = make_certificates(tmp_path, "--host", "127.0.0.1", "--device", device)
     assert done.returncode == 2

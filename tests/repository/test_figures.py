@@ -14,7 +14,7 @@ from examples.pictures import compare
 from hapnet.ext.study.case import measure
 from hapnet.ext.study.plans import BASE, plans
 from hapnet.simulation.simulation import simulate
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 from tests.support.pages import blocks, run_shell
 
 README = ROOT / "README.md"
@@ -165,7 +165,7 @@ def test_the_comparisons_page_has_the_figures_of_its_cases() -> None:
 
 @pytest.mark.parametrize(
     ("world", "coupling"),
-    [("lying", "pspm"), ("lying", "zoh"), pytest.param("moving", "pspm", marks=pytest.mark.slow)],
+    mostly_slow([("lying", "pspm"), ("lying", "zoh"), ("moving", "pspm")], 0, 2),
 )
 def test_a_case_of_the_comparison_is_measured_as_before(world: str, coupling: str) -> None:
     bench, changes = {

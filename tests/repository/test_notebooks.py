@@ -21,6 +21,7 @@ def test_a_notebook_is_kept_without_outputs(notebook: Path) -> None:
     assert all(len(line.rstrip("\n")) <= 140 for cell in cells(notebook) for line in cell["source"])
 
 
+@pytest.mark.slow
 def test_first_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     shown = [repr(value).partition("(")[0] for value in run(NOTEBOOKS[0]) if value is not None]

@@ -21,23 +21,17 @@ from PIL.PngImagePlugin import PngInfo
 
 EXAMPLES = ROOT / "examples"
 QUICK = {"run.png", "compare.png"}
-"""They are drawn again in the default run, the others in the slow one."""
+"""They are drawn again in the default run."""
 
-MINUTES = {"credit.png", "ten-minutes.png", "tune.png"}
-"""They take minutes each, and are drawn again by hand."""
+SECONDS = {"arm.png", "dominoes.png", "grain.png"}
+"""They are drawn again in the slow run, the others, which take up to minutes each, in the soak run."""
 
 DRAWN = [recipe for recipe in RECIPES if not set(recipe.pictures) & {compare.FILE.name}]
 
 
 def marks(recipe: Recipe) -> list[pytest.MarkDecorator]:
     names = set(recipe.pictures)
-    return (
-        []
-        if names <= QUICK
-        else [pytest.mark.soak, pytest.mark.timeout(3600)]
-        if names <= MINUTES
-        else [pytest.mark.slow]
-    )
+    return [] if names <= QUICK else [pytest.mark.slow] if names <= SECONDS else [pytest.mark.soak]
 
 
 def changed_by_hand(directory: Path) -> list[str]:
@@ -101,6 +95,7 @@ def test_a_picture_shows_what_its_commands_draw_today(recipe: Recipe, tmp_path: 
         assert older(EXAMPLES / name, tmp_path / name) == []
 
 
+@pytest.mark.slow
 def test_a_picture_of_another_run_or_with_another_label_is_old(tmp_path: Path) -> None:
     today = simulate({"link.up": "4g", "duration_s": 2.0}, seed=1)
     from hapnet.ext.pictures.run import figure
@@ -119,7 +114,7 @@ def test_a_picture_of_another_run_or_with_another_label_is_old(tmp_path: Path) -
     assert older(tmp_path / "a.png", tmp_path / "b.png") != []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(not (shutil.which("chromium") or shutil.which("google-chrome")), reason="there is no chromium here")
 def test_the_film_shows_the_words_of_todays_page(tmp_path: Path) -> None:
     pytest.importorskip("playwright.sync_api", reason="playwright drives the browser and is not installed")

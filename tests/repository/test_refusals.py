@@ -18,6 +18,7 @@ NOTHING_ALLOWED = re.compile(
 """What follows "allowed:" is a value that could be given. For a reason there is `why`."""
 
 
+@pytest.mark.long
 def test_the_refusals_are_found() -> None:
     """Many, of all packages, with the texts of their variables."""
     assert len(refusals()) > 600
@@ -35,6 +36,7 @@ def test_a_riddle_is_recognized(text: str) -> None:
     assert NOTHING_ALLOWED.search(text)
 
 
+@pytest.mark.long
 def test_after_allowed_comes_what_is_allowed() -> None:
     assert [refusal for refusal in refusals() if NOTHING_ALLOWED.search(refusal.text)] == []
 

@@ -8,6 +8,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose import rotation_vectors
 from hapnet.side.clutch import ALLOWED, Clutch, button, spans
+from tests.conftest import mostly_slow
 
 
 def test_while_it_is_open_the_coupled_position_stands_still() -> None:
@@ -38,7 +39,7 @@ def test_between_two_ticks_the_coupling_has_the_device_where_the_next_tick_will(
     assert clutch.place((0.13,), (0.0,)) == pytest.approx((0.04,))
 
 
-@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
+@pytest.mark.parametrize("rendering", mostly_slow(["paper", "hapnet"], 1))
 def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
     params = {
         "follower.robot": "simulated", "scene": "free", "operator": "sine", "operator_model.amplitude_m": 0.06,
@@ -60,6 +61,7 @@ def test_the_follower_rests_and_nothing_jumps(rendering: str) -> None:
     assert result.summary["verdict"]["passive"]
 
 
+@pytest.mark.slow
 def test_a_tool_rests_while_the_hand_turns_without_it() -> None:
     params = {
         "follower.robot": "simulated", "scene": "tool:box", "operator": "hand-23", "device.clutch": "0.6-1.2",

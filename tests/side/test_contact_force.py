@@ -139,7 +139,7 @@ class Pair:
             self.wall.append(self.robot.wall)
 
 
-@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
+@pytest.mark.parametrize("rendering", mostly_slow(["paper", "hapnet"], 1))
 @pytest.mark.parametrize(("a", "b"), mostly_slow([(0.5, 2.0), (1.0, 1.0), (1.0, 0.5)], 1))
 def test_the_hand_feels_b_times_the_force_on_the_robot(rendering: str, a: float, b: float) -> None:
     pair = Pair(rendering=rendering, follower__motion_scale=a, follower__force_scale=b, operator_model__goal_m=0.02 / a)
@@ -158,7 +158,11 @@ def silent(force: float) -> Vector:
 
 
 @pytest.mark.parametrize(
-    "fault", [lambda f: None, lambda f: (math.nan,), lambda f: (math.inf,), lambda f: (-1e30,), silent]
+    "fault",
+    mostly_slow(
+        [(one,) for one in [lambda f: None, lambda f: (math.nan,), lambda f: (math.inf,), lambda f: (-1e30,), silent]],
+        1,
+    ),
 )
 def test_a_sensor_that_fails_never_jumps_the_hand(fault: Callable[[float], Any]) -> None:
     """A short fault is not felt. A long one: no force any more, and the force again, all by the step limit's steps."""

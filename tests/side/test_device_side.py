@@ -56,6 +56,7 @@ def run_late(words: dict[str, object], late_ns: list[int]) -> tuple[DeviceSide, 
 
 
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])
+@pytest.mark.long
 def test_a_late_servo_does_not_make_time_run_faster(servo: str) -> None:
     rng = np.random.default_rng(1)
     late = np.where(rng.random(4000) < 0.25, 600_000, 0).tolist()
@@ -145,6 +146,7 @@ def stopped(stop_ms: int, words: dict[str, object]) -> tuple[dict[str, Any], flo
     return device_summary(side, "pspm"), given - side.coupling.ledger.credited + side.coupling.ledger.sent
 
 
+@pytest.mark.long
 def test_a_servo_that_is_stopped_for_long_again_and_again_holds_no_more_than_its_account_covers() -> None:
     """300 ms under force, 22 times, with a ceiling of 1 mJ. Forces that come back in full gave out 1.5 mJ."""
     part, given = stopped(300, {"device.ceiling_J": 1e-3})
@@ -154,6 +156,7 @@ def test_a_servo_that_is_stopped_for_long_again_and_again_holds_no_more_than_its
     assert (part["deficit_max_J"], part["overrun_leak_J"], part["overrun_risk_J"]) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_servo_that_is_away_for_as_long_as_its_watchdog_allows_stays_within_its_bound() -> None:
     part, given = stopped(20, {"device.ceiling_J": 0.05})
     assert given <= 0.05

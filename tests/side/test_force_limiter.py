@@ -36,6 +36,7 @@ def test_a_dead_man_switch_that_is_not_held_leaves_no_force() -> None:
 
 
 @given(st.lists(st.tuples(FORCE, st.booleans(), st.floats(0.0, 0.5)), max_size=40))
+@pytest.mark.long
 def test_it_only_ever_shortens_a_force(steps: list[tuple[tuple[float, float], bool, float]]) -> None:
     """So what the account counts is never more than what the law asked for; the direction stays."""
     limiter = ForceLimiter(ramp_s=0.3, dead_man=0, peak=5.0, continuous=2.0, thermal_s=1.0)

@@ -67,6 +67,7 @@ class ToolPair(Pair):
 
 
 @pytest.mark.parametrize(("a", "b"), mostly_slow([(0.3, 2.0), (3.0, 1.0), (1.0, 1.0)], 1))
+@pytest.mark.slow
 def test_a_drivers_tool_goes_a_times_as_far_and_turns_as_its_leader_does(a: float, b: float) -> None:
     pair = ToolPair(
         scene="tool:box", follower__robot="tests.side.test_scaled_tool:Tool", follower__feedback="position",

@@ -8,6 +8,7 @@ import pytest
 
 from hapnet import HapnetError, InvalidParameter, Params, cli, simulate, simulate_batch
 from hapnet.simulation.batch import BatchRun
+from tests.conftest import mostly_slow
 from tests.support.kernel_edges import LIVELY
 from tests.support.paper import PAPER
 
@@ -30,12 +31,15 @@ def check(run: BatchRun) -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {},
-        {**LIVELY, "link.up": "4g", "link.down": "lossy-wifi"},
-        {"scene": "box"},
-        {"link.up_timeline": "at 0.2s: down"},
-    ],
+    mostly_slow(
+        [
+            {},
+            {**LIVELY, "link.up": "4g", "link.down": "lossy-wifi"},
+            {"scene": "box"},
+            {"link.up_timeline": "at 0.2s: down"},
+        ],
+        1,
+    ),
     ids=str,
 )
 @pytest.mark.parametrize("servo", ["sampled", "continuous"])

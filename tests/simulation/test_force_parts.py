@@ -6,6 +6,7 @@ import pytest
 from hapnet.params import Params
 from hapnet.recording.samples import Columns
 from hapnet.simulation.simulation import Simulation, simulate
+from tests.conftest import mostly_slow
 
 K, K_WORLD, K_WALL, WALL_M = 600.0, 500.0, 3000.0, 0.02
 PARTS = ("spring_force_N", "damper_force_N", "model_force_N", "added_damping_force_N")
@@ -57,7 +58,9 @@ def test_a_law_that_does_not_tell_leaves_them_unknown() -> None:
     assert all(np.isnan(columns[name]).all() for name in PARTS)
 
 
-@pytest.mark.parametrize(("changes", "planes"), [({}, 1), ({"scene": "free"}, 0), ({"rendering": "paper"}, None)])
+@pytest.mark.parametrize(
+    ("changes", "planes"), mostly_slow([({}, 1), ({"scene": "free"}, 0), ({"rendering": "paper"}, None)], 1)
+)
 def test_the_wire_half_keeps_the_planes_that_the_device_knows(changes: dict[str, object], planes: int | None) -> None:
     run = Simulation(Params().set({"duration_s": 0.5, **changes}), 1, kernel=False)  # it hands over at each message
     run.run()

@@ -9,6 +9,7 @@ from hapnet.control.coupling import LawState, PortSample
 from hapnet.control.prediction import MotionPredictor
 from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 from tests.support.hand_port import LIGHT_HAND, lowest_energies
 from tests.support.tdpa_ends import world
 
@@ -36,7 +37,7 @@ def test_tdpa_predicts_if_asked_and_not_with_the_papers_feel() -> None:
     assert tuned("tdpa", "lan", tdpa__predict=True, rendering="paper") is False
 
 
-@pytest.mark.parametrize(("coupling", "left_J"), [("popc", 2e-3), ("eba", 1e-9)])
+@pytest.mark.parametrize(("coupling", "left_J"), mostly_slow([("popc", 2e-3), ("eba", 1e-9)], 1))
 def test_free_motion_is_freer_and_the_hands_port_stays_passive(coupling: str, left_J: float) -> None:
     """The proxy lags by B'/K' and half a mean step, 43 ms. Prediction takes most of that away.
 

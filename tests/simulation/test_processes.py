@@ -19,7 +19,7 @@ from hapnet.ext.study.task import Task, run
 from hapnet.processes import pool
 from hapnet.processes.pool import in_processes
 from hapnet.processes.start import for_children
-from tests.conftest import ENVIRONMENT
+from tests.conftest import ENVIRONMENT, mostly_slow
 from tests.study.sweeps import TOUCHY, journal_of, known
 from tests.support.processes import until
 
@@ -164,14 +164,17 @@ def test_shares_come_back_in_their_order_and_progress_ends_at_one() -> None:
 
 @pytest.mark.parametrize(
     ("word", "error", "said"),
-    [
-        (
-            "die",
-            HapnetError,
-            "^some of the runs are missing: its worker was killed by SIGKILL, perhaps out of memory$",
-        ),
-        ("refuse", InvalidParameter, "^word is 'refuse'; allowed: another$"),
-    ],
+    mostly_slow(
+        [
+            (
+                "die",
+                HapnetError,
+                "^some of the runs are missing: its worker was killed by SIGKILL, perhaps out of memory$",
+            ),
+            ("refuse", InvalidParameter, "^word is 'refuse'; allowed: another$"),
+        ],
+        1,
+    ),
 )
 def test_a_share_that_is_lost_is_an_error_and_no_endless_wait(word: str, error: type[Exception], said: str) -> None:
     with pytest.raises(error, match=said):

@@ -16,6 +16,7 @@ from hapnet.recording.mcap import RecordingWriter, read_recording, save
 from hapnet.recording.samples import Recording
 from hapnet.simulation.replay import compare, read_original
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 from tests.plant.arms.test_urdf import ARM
 from tests.support.replays import QUICK, here as here, recorded, replayed, rewritten, with_meta, with_params
 
@@ -24,16 +25,19 @@ from tests.support.replays import QUICK, here as here, recorded, replayed, rewri
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {},
-        {"coupling": "zoh"},
-        {"scene": "free", "dof": 2, "operator": "sine"},
-        {"scene": "box", "operator": "sine", "device__servo": "sampled", "device__resolution_m": 5.5e-5},
-        {"scene": "paper", "operator": "hand.csv", "device__stiffness": (100.0, 100.0, 150.0)},
-        {"scene": "free", "operator": "rest", "operator_model__start_m": 0.01},
-        {"hardware": "omni", "device__substeps": 1},
-        {"operator": "own_hand:Smooth", "link__up_timeline": "at 0.4s: down; at 0.8s: up"},
-    ],
+    mostly_slow(
+        [
+            {},
+            {"coupling": "zoh"},
+            {"scene": "free", "dof": 2, "operator": "sine"},
+            {"scene": "box", "operator": "sine", "device__servo": "sampled", "device__resolution_m": 5.5e-5},
+            {"scene": "paper", "operator": "hand.csv", "device__stiffness": (100.0, 100.0, 150.0)},
+            {"scene": "free", "operator": "rest", "operator_model__start_m": 0.01},
+            {"hardware": "omni", "device__substeps": 1},
+            {"operator": "own_hand:Smooth", "link__up_timeline": "at 0.4s: down; at 0.8s: up"},
+        ],
+        3,
+    ),
     ids=lambda changes: "-".join(str(value) for value in changes.values() if isinstance(value, str)) or "default",
 )
 def test_a_simulated_recording_is_made_again_to_the_last_bit(tmp_path: Path, changes: dict[str, object]) -> None:

@@ -35,11 +35,14 @@ from tests.support.theorem_cases import TOLERANCE_J, diagonal, matrix, random_ca
 
 @pytest.mark.parametrize(
     ("side", "changes"),
-    [
-        (ContinuousDeviceSide, {}),
-        (SampledDeviceSide, {"device.servo": "sampled", "device.resolution_m": 5.5e-5}),
-        (SampledDeviceSide, {"coupling": "tdpa", "device.servo": "sampled", "scene": "box", "dof": 2}),
-    ],
+    mostly_slow(
+        [
+            (ContinuousDeviceSide, {}),
+            (SampledDeviceSide, {"device.servo": "sampled", "device.resolution_m": 5.5e-5}),
+            (SampledDeviceSide, {"coupling": "tdpa", "device.servo": "sampled", "scene": "box", "dof": 2}),
+        ],
+        1,
+    ),
     ids=["continuous", "sampled", "law"],
 )
 def test_ticks_made_together_are_the_same_ticks(
@@ -248,11 +251,14 @@ def test_accounts_close_once_the_links_have_delivered() -> None:
 @pytest.mark.parametrize("policy", ["hold", "release"])
 @pytest.mark.parametrize(
     ("up", "down"),
-    [
-        ("at 2s: down; at 5s: up", "at 2s: down; at 5s: up"),
-        ("at 2s: down; at 5s: up", ""),
-        ("", "at 2s: loss 100%; at 5s: delay 40ms"),
-    ],
+    mostly_slow(
+        [
+            ("at 2s: down; at 5s: up", "at 2s: down; at 5s: up"),
+            ("at 2s: down; at 5s: up", ""),
+            ("", "at 2s: loss 100%; at 5s: delay 40ms"),
+        ],
+        1,
+    ),
     ids=["both ways", "one way", "loss of all"],
 )
 def test_a_partition_leaves_both_sides_passive_and_heals(up: str, down: str, policy: str) -> None:

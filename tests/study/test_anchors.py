@@ -66,6 +66,7 @@ def test_thresholds() -> None:
     assert [one["noticed"] for one in found] == [one.noticed for one in THRESHOLDS] == [10.0, 10.0, 50.0]
 
 
+@pytest.mark.slow
 def test_a_deadband_saves_most_packets_and_an_effective_delay_is_the_links() -> None:
     """The published 85 to 96 % are for 1 kHz; a constant delay of 50 and 100 ms is found within 3 ms."""
     saved = [one["ours"] for one in anchors.as_dict("deadband", anchors.run("deadband", BASE))["figures"]]

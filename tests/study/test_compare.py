@@ -228,6 +228,7 @@ def test_every_metric_is_defined_on_demand(capsys: Capture) -> None:
     assert all(metric.unit in words for metric in METRICS.values())
 
 
+@pytest.mark.slow
 def test_what_is_written(tmp_path: Path, capsys: Capture) -> None:
     """One object, the same but for the wall clock on standard output and in its file, and two figures."""
     out = tmp_path / "out"

@@ -17,6 +17,7 @@ from hapnet.ext.study.spec import Case, Values
 from hapnet.ext.study.task import CaseResult
 from hapnet.ext.study.tune_spec import TuneSpec
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 from tests.study.sweeps import spec_file
 
 SPEC = """
@@ -120,7 +121,7 @@ class Killed(Exception):
     """The process ends here."""
 
 
-@pytest.mark.parametrize("after", [0, 5, 22, 49])
+@pytest.mark.parametrize("after", mostly_slow([0, 5, 22, 49], 1))
 def test_a_search_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path: Path, after: int) -> None:
     """It ends the same, and runs no case twice."""
     spec = read(tmp_path)

@@ -61,6 +61,7 @@ def test_what_is_not_named_is_one_hand_and_seed_0(monkeypatch: pytest.MonkeyPatc
     assert len(one.cases()) == len(QUICK.couplings)
 
 
+@pytest.mark.slow
 def test_the_full_set_has_what_ten_seconds_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     plans = asked_for("--bench", "full", monkeypatch=monkeypatch)
     assert list(plans) == list(FULL)

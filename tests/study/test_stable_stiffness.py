@@ -17,6 +17,7 @@ from hapnet.ext.study.stable_stiffness import StiffnessCase, ZWidth, bound, case
 from hapnet.ext.study.transparency import SearchTask
 from hapnet.params import Params
 from hapnet.processes import pool
+from tests.conftest import mostly_slow
 from tests.support.paper import PAPER
 
 MASS_KG, HAND_N_M = 0.045, 135.0
@@ -63,9 +64,8 @@ def test_a_held_spring_swings_from_where_the_eigenvalues_cross(B: float) -> None
     assert not stable(device.set({"device.stiffness": 1.05 * K}))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("b", "hz"), [(0.3, 1000.0), (1.0, 1000.0), (0.3, 500.0), (0.3, 4000.0)])
-@pytest.mark.parametrize("B", [1e-6, 0.1])
+@pytest.mark.parametrize("B", mostly_slow([0.1, 1e-6], 0, 1))
 def test_the_search_ends_where_the_eigenvalues_cross(B: float, b: float, hz: float) -> None:
     case = StiffnessCase("zoh", hz, b, 0.0)
     found = stiffest(case.of(HELD.set({"device.damping": B})))

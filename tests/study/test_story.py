@@ -9,6 +9,7 @@ from hapnet.ext.study.compare import ComparedRun, Plan, RunMeasures, Variant
 from hapnet.ext.study.figures import story, tradeoff
 from hapnet.laws import COUPLING_NAMES
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 
 PLAN = Plan(Params(), ("pspm", "zoh", "pd"), {"lan": ("", ""), "4g": ("", "")}, ("press",), (0, 1))
 
@@ -53,7 +54,7 @@ LONG = tuple(f"pspm:device.stiffness={stiffness}" for stiffness in (100, 200, 30
 
 
 @pytest.mark.parametrize("margin_J", [0.1, -0.1])
-@pytest.mark.parametrize("couplings", [("pspm", "zoh"), COUPLING_NAMES, LONG])
+@pytest.mark.parametrize("couplings", mostly_slow([(one,) for one in [("pspm", "zoh"), COUPLING_NAMES, LONG]], 1))
 def test_words_names_and_panels_lie_beside_one_another(couplings: tuple[str, ...], margin_J: float) -> None:
     """Also where the story is long: none of the couplings was passive, on any of three links."""
     plan = replace(PLAN, couplings=couplings, links=dict.fromkeys(("lan", "4g", "intercontinental"), ("", "")))

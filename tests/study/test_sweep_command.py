@@ -21,7 +21,7 @@ from hapnet.ext.study.journal import NAME, Journal
 from hapnet.ext.study.spec import Spec
 from hapnet.ext.study.task import CaseResult, Task, run
 from hapnet.processes.pool import EndedTask
-from tests.conftest import ENVIRONMENT, ROOT
+from tests.conftest import ENVIRONMENT, ROOT, mostly_slow
 from tests.study.sweeps import FATAL, SHORT, TOUCHY, done, spec_file
 from tests.support.commands import Tab
 from tests.support.processes import Program, read_json, started, without_progress
@@ -47,6 +47,7 @@ def summary(*argv: object, code: int = 0) -> dict[str, Any]:
     return read_json(Path("summary.json"))
 
 
+@pytest.mark.slow
 def test_a_sweep_from_its_spec_to_its_figure(directory: Path, capsys: Capture) -> None:
     spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, 13, 3000]\nseed = '0:3'")
     reported = summary("study.toml", "--workers", 1, code=3)
@@ -232,6 +233,7 @@ def test_tab(
     assert Tab(monkeypatch, capsys)("hapnet", *words) == offered
 
 
+@pytest.mark.slow
 def test_the_spec_of_the_page_is_one(directory: Path, capsys: Capture) -> None:
     found = re.search(
         r"```toml\n(# study.toml.*?)```",
@@ -325,8 +327,7 @@ def test_interrupted_it_keeps_and_writes_what_is_done(directory: Path) -> None:
     assert done(results) == kept
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("whom", ["all", "one"])
+@pytest.mark.parametrize("whom", mostly_slow(["one", "all"], 0, 1))
 def test_killed_half_way_and_resumed_the_rows_are_the_same(directory: Path, whom: str) -> None:
     """The whole group at once, or the program alone, whose workers then end by themselves."""
     file = spec_file(directory, f"{TOUCHY}[vary]\nworld.wall.stiffness = [1000, {FATAL}, 3000]\nseed = '0:15'")

@@ -11,6 +11,7 @@ from hapnet.ext.study.impedance import transmission
 from hapnet.ext.study.tool_impedance import motions, path_of
 from hapnet.mechanics.pose import ARM_M
 from hapnet.params import Params
+from tests.conftest import mostly_slow
 
 K, FAR, MASS = 100.0, 500.0, 0.02
 SPRINGS: dict[str, object] = {"device.stiffness": K, "world.stiffness": FAR, "world.mass": MASS}
@@ -30,7 +31,7 @@ def in_series(solid: complex, near: float = K, far: float = FAR) -> complex:
     return near * solid / (far + solid)
 
 
-@pytest.mark.parametrize("hz", [0.5, 6.0, 20.0])
+@pytest.mark.parametrize("hz", mostly_slow([0.5, 6.0, 20.0], 1))
 def test_a_free_tool_is_its_mass_and_its_inertia(hz: float) -> None:
     s = 2j * math.pi * hz
     assert truth(BOX, "along-y", hz) == pytest.approx(in_series(MASS * s * s), rel=1e-6)
@@ -42,8 +43,7 @@ def test_a_free_tool_is_its_mass_and_its_inertia(hz: float) -> None:
         assert truth(BOX, motion, hz) == pytest.approx(in_series(inertia * s * s, TURN * K, TURN * FAR), rel=1e-6)
 
 
-@pytest.mark.parametrize("hz", [0.5, 6.0, 20.0])
-@pytest.mark.slow
+@pytest.mark.parametrize("hz", mostly_slow([6.0, 0.5, 20.0], 0, 1))
 def test_a_box_on_a_table_stands_on_its_corners(hz: float) -> None:
     """Four springs and dampers; turned, with their levers, and less by the weight that tips over: - h N."""
     s = 2j * math.pi * hz
@@ -58,8 +58,7 @@ def test_a_box_on_a_table_stands_on_its_corners(hz: float) -> None:
     assert truth(scene, "about-z", hz) == pytest.approx(truth(BOX, "about-z", hz), abs=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("motion", ["along-x", "about-y"])
+@pytest.mark.parametrize("motion", mostly_slow(["about-y", "along-x"], 0, 1))
 def test_a_held_spring_transmits_mass_and_inertia_as_theory_says(motion: str) -> None:
     """``K (1 - H exp(-j w t)) + j w B`` as for a wall, with ``H = K'/(K' + j w B' - M w^2)``; in rotation springs and
     dampers are 2 l^2 of these, and the inertia is that of a box of 40 x 30 x 20 mm about its middle axis."""

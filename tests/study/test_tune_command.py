@@ -79,6 +79,7 @@ def trials(directory: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_a_tuning_from_spec_to_figure(directory: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "tuned", draw)
     reported = tuned()

@@ -16,6 +16,7 @@ from hapnet.simulation.batch import simulate_batch
 from hapnet.simulation.simulation import simulate
 from hapnet.summary.run import merge
 from hapnet.summary.verdict import judge
+from tests.conftest import mostly_slow
 from tests.support.theorem_cases import random_case
 
 STIFFNESS, DAMPING, AT = 3000.0, 10.0, 0.02
@@ -47,7 +48,7 @@ def test_a_wall_that_rests_dissipates_what_its_damper_takes() -> None:
     assert result.summary["verdict"]["reason"].endswith(f"energy came from the hand ({hand * 1e3:.4g} mJ)")
 
 
-@pytest.mark.parametrize("index", range(6))
+@pytest.mark.parametrize("index", mostly_slow(range(6), 1))
 def test_flat_walls_give_nothing_over_any_link(index: int) -> None:
     params = random_case(index).set({"duration_s": 3.0})
     slack = simulate(params, index).summary["environment"]["env_slack_J"]

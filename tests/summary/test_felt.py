@@ -19,6 +19,7 @@ from hapnet.summary.recorded import from_recording
 from hapnet.summary.run import combine, merge
 from hapnet.summary.tables import felt_line
 from hapnet.summary.words import felt
+from tests.conftest import mostly_slow
 from tests.support.commands import Capture
 
 POSITIVE = st.floats(0.1, 1e6)
@@ -167,7 +168,7 @@ def pushing_with_energy(*, dof: int = 1) -> ForceWorld:
     return ForceWorld(lambda x, v, t: (2.0 if t > 1.0 else 0.0,), dof=dof, energy_J=0.1)
 
 
-@pytest.mark.parametrize(("scene", "said"), [(pushing, True), (pushing_with_energy, False)])
+@pytest.mark.parametrize(("scene", "said"), mostly_slow([(pushing, True), (pushing_with_energy, False)], 1))
 def test_the_last_line_says_that_a_force_which_pushes_was_held_back(scene: Any, said: bool) -> None:
     result = simulate({"scene": f"{__name__}:{scene.__name__}", "duration_s": 3.0}, 1)
     assert ((result.summary["environment"]["env_given_J"] or 0.0) > 1e-3) == said

@@ -16,6 +16,7 @@ from hapnet.simulation.simulation import Simulation
 from hapnet.summary.servos import milli_above, milli_up
 from hapnet.summary.structure import read
 from hapnet.summary.tables import felt_line, summary_text
+from tests.conftest import mostly_slow
 from tests.support.independent_account import Witness, account
 
 Capture = pytest.CaptureFixture[str]
@@ -41,11 +42,14 @@ LOOSE = {
 
 @pytest.mark.parametrize(
     ("coupling", "link", "hand", "more", "passive"),
-    [
-        ("pspm", "delay 150ms 50ms loss 10%", "sine", {"operator_model.amplitude_m": 0.06}, True),
-        ("pspm", "delay 150ms", "hand-2", {"device.stiffness": 1500.0}, True),
-        ("zoh", "delay 150ms", "sine", LOOSE, False),
-    ],
+    mostly_slow(
+        [
+            ("pspm", "delay 150ms 50ms loss 10%", "sine", {"operator_model.amplitude_m": 0.06}, True),
+            ("pspm", "delay 150ms", "hand-2", {"device.stiffness": 1500.0}, True),
+            ("zoh", "delay 150ms", "sine", LOOSE, False),
+        ],
+        1,
+    ),
 )
 def test_both_lines_have_the_numbers_of_an_independent_account(
     coupling: str, link: str, hand: str, more: dict[str, object], passive: bool
@@ -113,6 +117,7 @@ def test_without_a_wall_the_force_counts_and_a_wall_that_was_not_touched_is_said
     assert felt_line(read({})) == ""
 
 
+@pytest.mark.slow
 def test_warnings_have_a_line_each_and_figures_come_with_v(tmp_path: Path, capsys: Capture) -> None:
     summary: Any = Simulation(Params().set({"duration_s": 1.0}), 1).run().summary
     summary["device"]["servo"] |= {"overruns": 3, "longest_ms": 27.0}

@@ -39,6 +39,7 @@ class Walk:
         self.least = float(margins.min())
 
 
+@pytest.mark.slow
 def test_after_the_start_is_never_above_the_end_in_1000_runs_with_stops() -> None:
     """Stops of 0 to 5 s, at any time, on either side; in some nothing was sampled after the first second."""
     rng, names, without = np.random.default_rng(9), sorted(COUPLINGS), 0

@@ -22,6 +22,7 @@ from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint
 from hapnet.summary.run import device_summary, unknown_device
 from hapnet.summary.verdict import incomplete, judge
+from tests.conftest import mostly_slow
 from tests.support.paper import PAPER
 from tests.support.processes import read_json, started
 
@@ -315,8 +316,7 @@ def test_the_simulated_device_is_not_watched_and_its_summary_says_that_it_was_no
     assert declared_range(PARAMS.device, 3).workspace == (2.0,)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("more", [(), ("--realtime",)], ids=["thread", "realtime"])
+@pytest.mark.parametrize("more", mostly_slow([(("--realtime",),), ((),)], 0, 1), ids=["realtime", "thread"])
 def test_a_run_whose_device_leaves_its_workspace_goes_on_and_ends_with_code_3(
     more: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

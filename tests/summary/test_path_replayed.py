@@ -8,6 +8,7 @@ import pytest
 from hapnet.params import Params
 from hapnet.side.link_port import LinkPort, Packet
 from hapnet.summary.structure import DIRECTIONS
+from tests.conftest import mostly_slow
 from tests.support.forger import Keyed
 
 
@@ -38,7 +39,7 @@ class Repeated(Keyed):
         return super().step(now_ns)
 
 
-@pytest.mark.parametrize("secrets", [False, True], ids=["plain", "encrypted"])
+@pytest.mark.parametrize("secrets", mostly_slow([False, True], 0, 1), ids=["plain", "encrypted"])
 @pytest.mark.parametrize(
     "coupling",
     ["pspm", pytest.param("tdpa", marks=pytest.mark.slow), pytest.param("wave", marks=pytest.mark.slow)],

@@ -26,6 +26,7 @@ from hapnet.ext.tools.device import turned
 from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import PostureSample
 from hapnet.recording.telemetry import KnownPlanes
+from tests.conftest import mostly_slow
 from tests.view.feed import FakeControls
 from tests.view.test_history import MS, device, reports, world
 
@@ -222,7 +223,9 @@ def test_a_browser_knows_all_that_the_page_has_set(serve: Callable[[], Any]) -> 
 
 
 @pytest.mark.parametrize("queues", [False, True])
-@pytest.mark.parametrize(("kind", "number"), [("wall", 1), ("ball", 30), ("arm", 60), ("tool", 90), ("wall", 96)])
+@pytest.mark.parametrize(
+    ("kind", "number"), mostly_slow([("wall", 1), ("ball", 30), ("arm", 60), ("tool", 90), ("wall", 96)], 1)
+)
 def test_a_call_that_fails_once(kind: str, number: int, queues: bool, serve: Callable[[], Any]) -> None:
     assert assert_whole_again(Drawn(serve(), kind), kind, number, queues)
 

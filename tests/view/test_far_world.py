@@ -25,7 +25,7 @@ from hapnet.processes.child import FrameWriter, frames
 from hapnet.recording.mcap import read_recording
 from hapnet.recording.telemetry import Status
 from hapnet.transport.config import free_address
-from tests.conftest import ENVIRONMENT
+from tests.conftest import ENVIRONMENT, mostly_slow
 from tests.support.processes import HAPNET, LIMIT_S, Program, read_json, started, until
 
 
@@ -99,6 +99,7 @@ def led_to(hand: MouseHand, history: History, x_m: float) -> Callable[[], bool]:
     return there
 
 
+@pytest.mark.slow
 def test_the_mouse_moves_a_world_elsewhere_and_its_page_sees_both_sides() -> None:
     address = free_address()
     history = History()
@@ -125,8 +126,7 @@ def _ends(program: Program, other: Program) -> None:
         assert more is not one
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("listens", [False, True])
+@pytest.mark.parametrize("listens", mostly_slow([True, False], 0, 1))
 def test_both_ends_print_the_joint_verdict_and_write_their_files(listens: bool, tmp_path: Path) -> None:
     """Of a world with three axes and another rendering, which the command line of the hand's side does not name."""
     address = free_address()

@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser
 
+from tests.conftest import mostly_slow
 from tests.view.test_page import CHROMIUM, Open, browser, opened
 
 __all__ = ["browser"]
@@ -94,13 +95,16 @@ def test_in_the_first_second_no_placeholder_is_seen(browser: Browser) -> None:
     assert all("reset view" in text and "pause" in text for text in seen)
 
 
-@pytest.mark.parametrize("size", [(1440, 900), (700, 800), (390, 844)])
-def test_twenty_presses_within_100_pixels_keep_the_view(browser: Browser, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("size", "every"),
+    mostly_slow([((390, 844), 4), ((1440, 900), 1), ((700, 800), 1), ((390, 844), 1)], 0, 1),
+)
+def test_twenty_presses_within_100_pixels_keep_the_view(browser: Browser, size: tuple[int, int], every: int) -> None:
     """All around the handle, also on the wall's side; a press far away turns the view, so that it can fail."""
     with opened(browser, size) as shown:
         shown.page.locator(".mantine-Notification-closeButton").click()  # a warning about the browser's graphics
         before, turned, held = view(shown), list[float](), 0
-        for number in range(20):
+        for number in range(0, 20, every):
             distance, angle = BESIDE_PX * math.sqrt((number + 1) / 20.0), number * 2.4  # a sunflower's seeds
             led = len(shown.controls.named("lead"))
             drag(shown, distance, angle)
@@ -109,6 +113,6 @@ def test_twenty_presses_within_100_pixels_keep_the_view(browser: Browser, size: 
                 turned.append(round(distance))
                 shown.button("reset view").click()
         assert turned == []
-        assert held >= 15  # on a busy machine a browser may join a press, a move and a release
+        assert held >= 15 // every  # on a busy machine a browser may join a press, a move and a release
         drag(shown, 0.4 * min(size), math.radians(120.0))
         assert not np.allclose(view(shown), before, atol=1e-6)

@@ -87,6 +87,7 @@ async def playing(out: Path, **changes: object) -> AsyncIterator[Playing]:
         play.watcher.close()
 
 
+@pytest.mark.slow
 async def test_what_the_page_asks_reaches_the_running_pair(tmp_path: Path) -> None:
     async with playing(tmp_path, link__up="delay 5ms", link__down="delay 5ms") as play:
         stage = play.stage

@@ -9,6 +9,7 @@ from hapnet.errors import BadMessage
 from hapnet.transport.config import free_address
 from hapnet.wire.encryption import read
 from hapnet.wire.messages import Bye, Encrypted, Hello, Refuse, Welcome, decode
+from tests.conftest import mostly_slow
 from tests.support.processes import HAPNET, Program, read_json
 
 
@@ -32,8 +33,7 @@ class Listener:
         self._session.close()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("has_word", [False, True])
+@pytest.mark.parametrize("has_word", mostly_slow([True, False], 0, 1))
 def test_who_listens_reads_nothing_but_who_is_there(has_word: bool, tmp_path: Path) -> None:
     address = free_address("tcp")
     (word := tmp_path / "word").write_text("correct horse\n", "utf-8")

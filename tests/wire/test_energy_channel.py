@@ -83,6 +83,7 @@ OPERATIONS = st.lists(
 
 @settings(max_examples=150, deadline=None)
 @given(OPERATIONS, st.booleans())
+@pytest.mark.long
 def test_exactly_once_whatever_the_network_does(operations: list[tuple[str, int, float]], slow: bool) -> None:
     pair = Pair(channel(0.05, 0.001) if slow else channel(), channel())
     for name, side, value in operations:

@@ -15,6 +15,7 @@ import zenoh
 from hapnet.errors import BadMessage
 from hapnet.transport.config import free_address
 from hapnet.wire.messages import Account, Bye, Encrypted, Energy, Role, Signals, Welcome, decode, encode
+from tests.conftest import mostly_slow
 from tests.support.processes import HAPNET, Program, read_json
 
 WITHOUT_KEYS = (
@@ -112,12 +113,22 @@ def summaries(tmp_path: Path) -> dict[str, dict[str, Any]]:
     return {role: read_json(tmp_path / f"{role}.json") for role in ("device", "world")}
 
 
+@pytest.mark.parametrize("runs", mostly_slow([1, 10], 0, 1))
 @pytest.mark.parametrize(
-    "runs",
-    [pytest.param(1, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)],
+    ("towards", "secrets"),
+    mostly_slow(
+        [
+            ("world", SECRETS[0]),
+            ("device", SECRETS[1]),
+            ("world", SECRETS[2]),
+            ("device", SECRETS[0]),
+            ("world", SECRETS[1]),
+            ("device", SECRETS[2]),
+        ],
+        0,
+        3,
+    ),
 )
-@pytest.mark.parametrize("secrets", SECRETS)
-@pytest.mark.parametrize("towards", ["world", "device"])
 def test_a_forger_on_the_network(towards: Role, secrets: str, runs: int, tmp_path: Path) -> None:
     sender: Role = "device" if towards == "world" else "world"
     for k in range(runs):
@@ -147,11 +158,20 @@ def test_a_forger_on_the_network(towards: Role, secrets: str, runs: int, tmp_pat
             assert set(codes) <= {4, 5}
 
 
-@pytest.mark.parametrize("secrets", SECRETS)
 @pytest.mark.parametrize(
-    ("says", "codes"),
-    [pytest.param(bye, {2, 3}, marks=pytest.mark.slow), pytest.param(stop, {3}, marks=pytest.mark.slow)],
-    ids=["bye", "stop"],
+    ("says", "codes", "secrets"),
+    mostly_slow(
+        [
+            (bye, {2, 3}, SECRETS[0]),
+            (stop, {3}, SECRETS[0]),
+            (stop, {3}, SECRETS[1]),
+            (bye, {2, 3}, SECRETS[2]),
+            (bye, {2, 3}, SECRETS[1]),
+            (stop, {3}, SECRETS[2]),
+        ],
+        0,
+        4,
+    ),
 )
 def test_a_goodbye_or_a_stop_that_is_forged(says: Speech, codes: set[int], secrets: str, tmp_path: Path) -> None:
     """Without keys he ends the pair, and neither side knows whether it was passive; or the device's force, and both say

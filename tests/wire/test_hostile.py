@@ -7,6 +7,7 @@ nothing credited, may then fall to what admission lets in below zero and no furt
 import math
 import random
 from collections.abc import Callable
+from itertools import product
 from typing import NamedTuple
 
 import pytest
@@ -69,6 +70,8 @@ def swinging(rng: random.Random, n: int, seen: list[Vector]) -> list[float]:
 
 
 STYLES = (random_, alternating, subnormal, pumping, swinging)
+CROSSED = [(SIDES[k % len(SIDES)], style) for k, style in enumerate(STYLES)]
+"""Each side and each style once."""
 
 
 def attack(side: str, style: Style, words: dict[str, object], *, rising: bool = False) -> Attacked:
@@ -113,8 +116,10 @@ def admitted(rig: Rig) -> float:
     return wire.admission_burst_J + wire.admission_W * rig.now_ns * 1e-9
 
 
-@pytest.mark.parametrize("style", mostly_slow(STYLES, 1))
-@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
+@pytest.mark.parametrize(
+    ("side", "style"),
+    mostly_slow([*CROSSED, *(case for case in product(SIDES, STYLES) if case not in CROSSED)], 0, len(CROSSED)),
+)
 @pytest.mark.long
 def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: Style) -> None:
     done = attack(side, style, STRONG, rising=style is random_)
@@ -126,7 +131,7 @@ def test_a_hostile_peer_buys_no_more_than_admission_lets_in(side: str, style: St
     assert done.max_step <= section.step_limit_N * (1.0 + 1e-6)
 
 
-@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 0, 1))
 @pytest.mark.long
 def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str) -> None:
     done = attack(side, pumping, {"wire.accept_stale": True, "dof": 3, "scene": "box"})
@@ -137,7 +142,7 @@ def test_with_the_limits_of_a_small_device_and_positions_in_any_order(side: str)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("side", mostly_slow(SIDES, 1))
+@pytest.mark.parametrize("side", mostly_slow(SIDES, 1, 1))
 def test_without_admission_it_would_buy_more(side: str) -> None:
     """The control: the same attack, admission wide open."""
     guarded, opened = attack(side, pumping, STRONG), attack(side, pumping, STRONG | OPEN)

@@ -18,6 +18,7 @@ from hapnet.wire.events import Contradiction, Mismatch, Paired, PeerLeft, PeerRe
 from hapnet.wire.messages import Bye, Energy, Hello, Position, Refuse, Welcome, decode, encode
 from hapnet.wire.secret import Secret, sealed
 from hapnet.wire.session import Session
+from tests.conftest import mostly_slow
 from tests.support.sessions import MS, Network
 
 WORD = "correct horse"
@@ -133,7 +134,8 @@ def paired_within_a_second(network: Noisy, device: Session, world: Session) -> b
 
 
 @pytest.mark.parametrize("seeds", [range(2), pytest.param(range(100), marks=pytest.mark.soak)], ids=["two", "all"])
-@pytest.mark.parametrize("says", KINDS, ids=lambda says: says.__name__)
+@pytest.mark.parametrize("says", mostly_slow([(one,) for one in KINDS], 3), ids=lambda says: says.__name__)
+@pytest.mark.long
 def test_against_a_word_he_holds_no_place_and_ends_nothing(says: Says, seeds: range) -> None:
     """Paired within a second, a hundred of a hundred; and what he says changes nothing afterwards either."""
     for seed in seeds:

@@ -200,6 +200,7 @@ any_message = st.one_of(
 
 @settings(deadline=None)
 @given(any_message)
+@pytest.mark.long
 def test_decode_inverts_encode(message: Message) -> None:
     again = decode(encode(message))
     assert again == message
@@ -385,6 +386,7 @@ def kind_when_examined(data: bytes) -> str | None:
 
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=200))
+@pytest.mark.long
 def test_noise_never_raises_anything_else(data: bytes) -> None:
     survives(data)
 
@@ -403,6 +405,7 @@ def test_well_formed_nonsense_never_raises_anything_else(kind: int, fields: list
     survives(msgpack.packb([2, kind, A, *fields]))
 
 
+@pytest.mark.long
 def test_mutated_frames_give_a_message_or_a_counted_error() -> None:
     rng = random.Random(1)
     frames = [bytes.fromhex(f) for f in FRAMES.values()]

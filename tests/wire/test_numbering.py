@@ -39,6 +39,7 @@ def places(numbering: Numbering, heard: list[Heard]) -> Iterator[tuple[Heard, in
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("period_ns", [MS, 5 * MS, 30 * MS])
+@pytest.mark.long
 def test_of_an_honest_sender_the_newest_wins_whatever_the_link_does(words: str, period_ns: int) -> None:
     for seed in range(3):
         newest = -1

@@ -2,6 +2,7 @@
 
 import random
 
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from hapnet.wire.numbering import LATE, SEEN
@@ -30,10 +31,12 @@ around_the_edge = st.builds(lambda base, offset: max(0, base + offset), st.just(
 
 @settings(deadline=None)
 @given(st.lists(near | far | around_the_edge, max_size=80))
+@pytest.mark.long
 def test_a_number_is_new_once_as_a_set_says(numbers: list[int]) -> None:
     assert answers(numbers) == by_a_set(numbers)
 
 
+@pytest.mark.long
 def test_a_jittered_repeated_stream_is_taken_once_each() -> None:
     """Reordered by less than the window and each twice: all numbers come through, once."""
     rng = random.Random(1)

@@ -33,6 +33,7 @@ def pair(of_device: str | None, of_world: str | None) -> tuple[Network, Session,
 
 
 @pytest.mark.parametrize("word", ["", "correct horse"])
+@pytest.mark.long
 def test_the_key_is_that_of_the_page_by_another_library(word: str) -> None:
     """HKDF with salt and info as the page says; scrypt of the word behind the shared secret."""
     mine, theirs = Secret(b"m" * 32, word), Secret(b"t" * 32, word)
@@ -108,6 +109,7 @@ def test_a_side_without_a_secret_is_a_peer_as_ever(of_device: str | None, of_wor
     ("of_device", "of_world"),
     [("correct horse", "battery staple"), ("correct horse", ""), ("correct horse", None)],
 )
+@pytest.mark.long
 def test_who_does_not_know_the_word_is_ignored_by_who_does(of_device: str, of_world: str | None) -> None:
     """Neither pairs, neither ends; whoever has the word says so."""
     network, device, world = pair(of_device, of_world)
@@ -131,6 +133,7 @@ def test_who_does_not_know_the_word_is_ignored_by_who_does(of_device: str, of_wo
     ],
     ids=lambda message: type(message).__name__,
 )
+@pytest.mark.long
 def test_what_is_not_sealed_changes_nothing(message: Any) -> None:
     """With a word it shows nothing either; without one it may be the true peer's, and this side's a stranger."""
     for word in ("correct horse", ""):

@@ -124,6 +124,7 @@ def test_what_a_dead_process_left_cannot_displace_the_living() -> None:
     assert device.dropped == {"stale": 1}
 
 
+@pytest.mark.long
 def test_a_rival_waits_until_the_peer_is_silent() -> None:
     """Two worlds under one name: the second gets nothing, not even an answer, as long as the first is heard."""
     network, device, world = paired()
@@ -310,6 +311,7 @@ def test_an_acknowledgement_of_what_was_never_announced_is_told_and_the_rest_cou
     assert device.sums.contradictions == {"acknowledged": 3}
 
 
+@pytest.mark.long
 def test_a_flood_of_strangers_costs_bounded_memory_and_replies() -> None:
     network, device, world = paired()
     replies = 0
@@ -322,6 +324,7 @@ def test_a_flood_of_strangers_costs_bounded_memory_and_replies() -> None:
     assert not network.happened(device)[1:]
 
 
+@pytest.mark.long
 def test_noise_never_raises_and_the_account_holds() -> None:
     network, device, world = paired()
     device.shuffle(1e-3)

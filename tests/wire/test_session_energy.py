@@ -7,10 +7,11 @@ import pytest
 from hapnet.wire.events import PeerLeft, PositionReceived
 from hapnet.wire.messages import Bye, Role, decode, encode
 from hapnet.wire.session import Session, SessionSettings
+from tests.conftest import mostly_slow
 from tests.support.sessions import MS, Network, paired, session
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly_slow(range(8), 1))
 @pytest.mark.long
 def test_hostile_channel_loses_and_creates_no_energy(seed: int) -> None:
     device, world = session("device", 1), session("world", 2)

@@ -39,6 +39,7 @@ move = st.tuples(st.booleans(), st.sampled_from(["speak", "hear"]), st.integers(
 
 
 @given(st.lists(move, max_size=80))
+@pytest.mark.long
 def test_loss_repetition_and_any_order_contradict_nothing(moves: list[tuple[bool, str, int, int]]) -> None:
     sides = Side(A, B), Side(B, A)
     for first, what, energy_nJ, which in moves:
@@ -52,6 +53,7 @@ def test_loss_repetition_and_any_order_contradict_nothing(moves: list[tuple[bool
 
 
 @given(st.integers(-40, 2000), st.integers(1, 10**10), st.integers(2, 30), st.booleans())
+@pytest.mark.long
 def test_a_second_teller_is_found_once_he_is_overtaken(ahead: int, early_nJ: int, after: int, bare: bool) -> None:
     """He sends what the device sends later, under any number; then the device does send it."""
     assume(ahead != 1)  # that is her next message to the letter: only what was credited before shows it then

@@ -8,6 +8,7 @@ from hapnet.wire.token_bucket import TokenBucket
 
 
 @given(st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), max_size=50))
+@pytest.mark.long
 def test_never_more_than_burst_plus_power_times_time(asks: list[tuple[int, int]]) -> None:
     bucket = TokenBucket(power_W=0.7, burst_J=0.01)
     now = taken = 0

@@ -10,6 +10,7 @@ from hapnet.checks import Array
 from hapnet.errors import InvalidParameter
 from hapnet.ext.arms.chain import Chain, difference, gravity, height, matrices
 from hapnet.ext.arms.table import ArmTable, Joint, apparent_masses, chain_of, felt_damping, omni
+from tests.conftest import mostly_slow
 from tests.plant.arms.references import in_mujoco, random_arm
 
 NONE = (0.0, 0.0, 0.0)
@@ -26,9 +27,10 @@ def of(matrix: Any, n: int) -> Array:
     return np.array(matrix)[:n, :n]
 
 
+@pytest.mark.parametrize("states", mostly_slow([100, 1000], 1))
 @pytest.mark.parametrize("table", arms(), ids=lambda table: table.name)
 @pytest.mark.long
-def test_a_thousand_states_are_mujocos(table: ArmTable) -> None:
+def test_states_are_mujocos(table: ArmTable, states: int) -> None:
     """M, ``C q' + g``, tip and Jacobian agree within 1e-9 (kg m^2, Nm, m); with a mass at the tip too."""
     import mujoco
 
@@ -36,7 +38,7 @@ def test_a_thousand_states_are_mujocos(table: ArmTable) -> None:
     chain = chain_of(table)
     model, data = in_mujoco(table)
     inertia, jacobian, g = np.zeros((n, n)), np.zeros((3, n)), [0.0] * n
-    for _ in range(1000):
+    for _ in range(states):
         q, v = rng.uniform(-3.0, 3.0, n), 3.0 * rng.normal(size=n)
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_forward(model, data)
@@ -78,6 +80,7 @@ def christoffel(chain: Chain, q: Array, v: Array) -> Array:
 
 
 @pytest.mark.parametrize("table", arms(), ids=lambda table: table.name)
+@pytest.mark.long
 def test_c_is_christoffels(table: ArmTable) -> None:
     """Element by element, from M alone; so M' - 2C is skew. With a mass at the tip."""
     rng, n = np.random.default_rng(2), len(table.joints)

@@ -14,6 +14,7 @@ from hapnet.ext.arms.device import SimulatedArm
 from hapnet.ext.arms.made import arm_of
 from hapnet.ext.arms.table import ArmTable, omni
 from hapnet.plant.operator import Impedance, Rest, Sine
+from tests.conftest import mostly_slow
 from tests.plant.arms.references import in_mujoco, random_arm, vector
 from tests.plant.arms.test_arm_device import Account, Proud, check, run
 from tests.plant.arms.test_motion import T, energy, loose, with_joints
@@ -46,7 +47,7 @@ def reference(table: ArmTable, rates: Array, push: Array, ticks: int) -> Array:
     return solved.y[:n].T
 
 
-@pytest.mark.parametrize("n", [3, 7])
+@pytest.mark.parametrize("n", mostly_slow([3, 7], 1))
 @pytest.mark.long
 def test_trajectories_are_those_of_an_independent_integrator(n: int) -> None:
     """Within 1e-5 rad at 1 ms; and the energy of each tick to 1e-14 J, with weight and damping."""

@@ -9,6 +9,7 @@ from hapnet.params import Params
 from hapnet.simulation.simulation import Simulation, simulate
 from hapnet.summary.structure import read
 from hapnet.summary.tables import felt_line
+from tests.conftest import mostly_slow
 
 STIFF = {
     "hardware": "omni", "device.force_limit_N": 0.0, "device.stiffness": 1500.0, "operator_model.stiffness": 900.0,
@@ -16,7 +17,7 @@ STIFF = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("record_hz", [1000.0, 200.0])
+@pytest.mark.parametrize("record_hz", mostly_slow([1000.0, 200.0], 1))
 def test_the_recorded_force_is_the_force_that_was_held(record_hz: float) -> None:
     """Each tick's force is what the arm's joints held after it, tick by tick from the arm itself."""
     simulation = Simulation(Params().set({**STIFF, "record_hz": record_hz}), 1)

@@ -47,7 +47,7 @@ def energy(arm: Arm) -> float:
 
 
 @pytest.mark.parametrize(
-    ("n", "slides"), mostly_slow([(3, ()), (3, (0, 2)), (2, ()), (6, ()), (7, ()), (7, (1, 4))], 2)
+    ("n", "slides"), mostly_slow([(3, (0, 2)), (3, ()), (7, (1, 4)), (2, ()), (6, ()), (7, ())], 1, 4)
 )
 @pytest.mark.long
 def test_free_motion_keeps_its_energy(n: int, slides: tuple[int, ...]) -> None:
@@ -116,21 +116,24 @@ def reference(table: ArmTable, hand: Impedance, friction: float, ticks: int) -> 
 HAND = Impedance(0.2, 3.0, 60.0)
 
 
+@pytest.mark.parametrize("ticks", mostly_slow([200, 700], 1))
 @pytest.mark.parametrize(("arm_table", "coarse"), [(omni, 1), (cylindrical, 2)])
 @pytest.mark.long
-def test_trajectories_are_those_of_an_independent_integrator(arm_table: Callable[[], ArmTable], coarse: int) -> None:
-    """A falling arm that is pushed, damped and rubs, in a hand that leads it: within 1e-5 rad for 0.7 s, and better by
+def test_trajectories_are_those_of_an_independent_integrator(
+    arm_table: Callable[[], ArmTable], coarse: int, ticks: int
+) -> None:
+    """A falling arm that is pushed, damped and rubs, in a hand that leads it: within 1e-5 rad, and better by
     16 with a quarter of the step. The slide's friction is stiff, so it begins with half a millisecond."""
     table = with_joints(arm_table(), friction=0.02)
-    expected = reference(table, HAND, 0.02, 700)
+    expected = reference(table, HAND, 0.02, ticks)
     errors = []
     for steps in (coarse, 4 * coarse):
         arm = arm_of(table, HAND, T, steps, compensated=False)
         arm.commanded[:3] = PUSH.tolist()
-        angles, closure = followed(arm, 700)
+        angles, closure = followed(arm, ticks)
         errors.append(np.abs(angles - expected).max())
         assert closure <= 1e-14
-        assert np.ptp(angles, axis=0).max() > 0.1
+        assert np.ptp(angles, axis=0).max() > 0.1 * ticks / 700
     assert errors[0] <= 1e-5
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.3)
 
@@ -153,6 +156,7 @@ def mutated(change: Callable[[Arm], None]) -> float:
     return float(np.abs(angles - expected).max())
 
 
+@pytest.mark.long
 def test_a_wrong_sign_of_c_is_caught() -> None:
     """Energy is kept even so, as only C's skew part acts: the trajectory tells."""
 

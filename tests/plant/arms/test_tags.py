@@ -104,6 +104,7 @@ def test_what_is_used_is_read() -> None:
     ],
     ids=shortly,
 )
+@pytest.mark.long
 def test_a_line_says_what_is_left_out_or_looks_wrong(text: str, says: str) -> None:
     (line,) = table(text).remarks
     assert re.search(f"^a.urdf: .*{says}", line)

@@ -102,7 +102,8 @@ def test_a_free_spin_keeps_momentum_and_energy(ticks: int) -> None:
 STILL_POSE = (0.0,) * AXES
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.05])
+@pytest.mark.parametrize("damping", mostly_slow([0.0, 0.05], 1))
+@pytest.mark.long
 def test_beside_eulers_equations(damping: float) -> None:
     """scipy's DOP853 on the quaternion and Euler's equations, with a torque that the held force makes: second order,
     with a damper, too (of 2 to 8 1/s)."""
@@ -138,7 +139,8 @@ def test_beside_eulers_equations(damping: float) -> None:
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.05)
 
 
-@pytest.mark.parametrize(("K_arms", "B_arms"), [(500.0, 14.0), (60.0, 2.0)])
+@pytest.mark.parametrize(("K_arms", "B_arms"), mostly_slow([(500.0, 14.0), (60.0, 2.0)], 1))
+@pytest.mark.long
 def test_a_step_makes_and_loses_no_energy(K_arms: float, B_arms: float) -> None:
     """With any push, spring and damper, in random poses, for steps of 1 to 100 ms, through 180 degrees."""
     rng, found = np.random.default_rng(6), 0

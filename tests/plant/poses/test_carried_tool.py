@@ -14,6 +14,7 @@ from hapnet.ext.tools.tool import box
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.simulation.simulation import simulate
+from tests.conftest import mostly_slow
 
 K, B, M = 500.0, 14.0, 0.02
 TABLE, BALL = HalfSpace((0.0, 0.0, -1.0), 0.025), Sphere((0.06, 0.0, 0.01), 0.02)
@@ -35,12 +36,13 @@ def distance(at: Array, turn: Array) -> float:
     return float(min(above, np.linalg.norm(np.maximum(np.abs(centre) - half, 0.0)) - BALL.radius))
 
 
-def test_a_tool_that_moves_by_less_than_the_clearance_touches_nothing() -> None:
+@pytest.mark.parametrize("poses", mostly_slow([30, 150], 1))
+def test_a_tool_that_moves_by_less_than_the_clearance_touches_nothing(poses: int) -> None:
     """The tool moves along screws at random, as far as its coordinates' clearance allows."""
     rng = np.random.default_rng(21)
     contacts = ToolContacts(box(SIZE), [Solid(TABLE), Solid(BALL)], ARM_M)
     tried = 0
-    for _ in range(150):
+    for _ in range(poses):
         at, turn = rng.normal(0.0, 0.03, 3), rng.normal(0.0, 0.5, 3)
         x = np.array(pose(at, turn))
         clear, true = contacts.clearance(tuple(x.tolist())), distance(at, turn)
@@ -60,7 +62,7 @@ def test_a_tool_that_moves_by_less_than_the_clearance_touches_nothing() -> None:
                     assert distance(*end) > 0.0
                 else:
                     most = share
-    assert tried > 50
+    assert tried > poses // 3
     assert contacts.clearance(pose(np.array([0.0, 0.0, 5.0]), np.zeros(3))) == pytest.approx(SEARCHED_M)
 
 
@@ -112,7 +114,7 @@ def test_a_tool_that_touches_or_would_touch_stays() -> None:
     assert mass.position == begun
 
 
-@pytest.mark.parametrize("tool", ["box", "peg"])
+@pytest.mark.parametrize("tool", mostly_slow(["box", "peg"], 0))
 def test_a_hand_that_turns_a_tool_in_the_air_is_not_dragged(tool: str) -> None:
     """The world's port has no work, its reservoir stays, and y is never modulated."""
     changes = {

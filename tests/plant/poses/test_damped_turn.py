@@ -22,6 +22,7 @@ from hapnet.ext.tools.tool import box, peg, stick
 from hapnet.mechanics import pose as poses
 from hapnet.mechanics.pose import ARM_M, AXES
 from hapnet.records.record import zero
+from tests.conftest import mostly_slow
 
 HOME: Vector = (0.0,) * AXES
 K, B, M = 500.0, 14.0, 0.02
@@ -72,7 +73,8 @@ def test_a_robot_that_carries_a_tool_has_its_own_inertia() -> None:
         in_the_air("box", (0.3, *(0.1,) * 11))
 
 
-@pytest.mark.parametrize(("tool", "axis", "step_ms"), CASES)
+@pytest.mark.parametrize(("tool", "axis", "step_ms"), mostly_slow(CASES, 11))
+@pytest.mark.long
 def test_an_overdamped_turn_is_the_exact_one(tool: str, axis: int, step_ms: float) -> None:
     """The set-position turns by 0.1 mrad. The exact spin never changes its sign, and neither does this.
 
@@ -125,6 +127,7 @@ def test_a_damper_and_a_constant_torque_give_the_exact_spin_and_turn(
 
 
 @pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.long
 def test_a_tool_without_a_damper_keeps_its_momentum_and_energy(tool: str) -> None:
     mass = in_the_air(tool)
     mass.body.spin[:] = [0.02, 8.0, -0.03]
@@ -175,6 +178,7 @@ def test_the_weight_beside_sixty_digits() -> None:
     assert weight(0.0) == 0.5
 
 
+@pytest.mark.long
 def test_a_turn_of_half_a_circle_settles_without_a_swing() -> None:
     """As far as the spring can pull: b theta' = -2 K l^2 sin(theta), so tan(theta/2) falls by exp(-k t/b)."""
     mass, dt = in_the_air("peg"), 1e-3

@@ -12,6 +12,7 @@ from hypothesis import given, settings, strategies as st
 from hapnet import EngineWorld, HapnetError, cli
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.wire import fields
+from tests.conftest import mostly_slow
 from tests.support import engines
 from tests.support.engines import HONEST, K_PROXY, LIARS, Bead, made, scene
 
@@ -82,7 +83,7 @@ def giving(method: str, given: Any) -> Any:
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
-@pytest.mark.parametrize(("method", "given", "says"), GAVE)
+@pytest.mark.parametrize(("method", "given", "says"), mostly_slow(GAVE, 11))
 def test_what_a_method_may_not_give_ends_the_run_with_its_name(
     method: str,
     given: Any,

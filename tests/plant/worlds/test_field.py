@@ -16,6 +16,7 @@ from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import Offset, Shape, Sphere
 from hapnet.loading import shared_with_children
 from hapnet.plant.integrator import PassiveIntegrator
+from tests.conftest import mostly_slow
 
 CENTRE, RADIUS = (0.05, 0.0, 0.0), 0.03
 BALL = Sphere(CENTRE, RADIUS)
@@ -138,7 +139,7 @@ def test_the_force_is_that_of_the_analytic_ball(kind: str, speed: float) -> None
     assert float(wrong.max()) <= (0.01 if kind == "function" else 0.03) * float(np.abs(expected).max())
 
 
-@pytest.mark.parametrize("field", ["gyroid?friction=0.2", "head?layers=6mm,3000"])
+@pytest.mark.parametrize("field", mostly_slow(["gyroid?friction=0.2", "head?layers=6mm,3000"], 1))
 def test_the_examples_run_over_a_link(field: str, capsys: pytest.CaptureFixture[str]) -> None:
     scene = f"sdf:examples.fields:{field}"
     argv = ["simulate", "--scene", scene, "--operator", "hand-6", "--link", "4g", "--duration", "2", "--no-files"]

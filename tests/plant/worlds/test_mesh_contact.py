@@ -25,8 +25,11 @@ STEPS_S = {"1 ms": (0.001, 0.001), "10 to 50 ms": (0.010, 0.050), "50 ms": (0.05
 FRONT_M, DEEP_M, BACK_M, HOLD_S = 0.02, 0.033, -0.01, 0.3
 
 
-def steps() -> Any:
-    return pytest.mark.parametrize("steps_s", STEPS_S.values(), ids=STEPS_S.keys())
+def steps(first: int = len(STEPS_S)) -> Any:
+    """All steps; of these the `first` by default, the longest first."""
+    return pytest.mark.parametrize(
+        "steps_s", mostly_slow([(one,) for one in reversed(STEPS_S.values())], first), ids=reversed(STEPS_S.keys())
+    )
 
 
 # -- a proxy that is drawn in and out ---------------------------------------------------------------------------------
@@ -114,7 +117,7 @@ INVERTED = (boxes(*OVERLAP)[0], np.concatenate([boxes(OVERLAP[0])[1], boxes(OVER
 
 
 @steps()
-@pytest.mark.parametrize("speed", mostly_slow([0.05, 0.7, 0.2], 0, 2))
+@pytest.mark.parametrize("speed", mostly_slow([0.7, 0.05, 0.2], 0, 1))
 @pytest.mark.parametrize("mesh", [boxes(*PLATES), boxes(*OVERLAP), INVERTED, torus(), CORNER],
                          ids=["plates", "overlapping", "inverted", "tube", "corner"])  # fmt: skip
 def test_over_4g_a_solid_stops_the_hand(
@@ -156,7 +159,7 @@ def in_slot(x: Array) -> Array:
 @steps()
 @pytest.mark.parametrize("speed", [pytest.param(0.05, marks=pytest.mark.soak), 0.2], ids=["50 mm/s", "200 mm/s"])
 @pytest.mark.parametrize(("mesh", "deep_m", "aside_m", "own"),
-                         [(CORNER, 0.03, 0.02, in_corner), (SLOT, 0.04, 0.012, in_slot)],
+                         mostly_slow([(CORNER, 0.03, 0.02, in_corner), (SLOT, 0.04, 0.012, in_slot)], 1),
                          ids=["corner", "slot"])  # fmt: skip
 def test_a_corner_and_a_slot_are_felt_as_their_walls(
     mesh: tuple[Array, Any], deep_m: float, aside_m: float, own: Callable[[Array], Array], speed: float,
@@ -224,7 +227,7 @@ def test_a_step_that_cuts_a_corner_is_no_step_without_energy() -> None:
 # -- curved surfaces --------------------------------------------------------------------------------------------------
 
 
-@steps()
+@steps(1)
 def test_a_ball_of_triangles_is_felt_as_a_ball(steps_s: tuple[float, float], tmp_path: Path) -> None:
     """5,120 triangles, at 100 mm/s over 4G. As facets it was 32 % wrong."""
     mesh = ball(4, curved.RADIUS, curved.CENTRE.tolist())
@@ -381,8 +384,8 @@ def labyrinth(places: Array, cell_m: float = 0.02) -> Array:
     return s[..., 0] * c[..., 1] + s[..., 1] * c[..., 2] + s[..., 2] * c[..., 0]
 
 
-@steps()
-@pytest.mark.parametrize("aside", mostly_slow([((0.001, 0.0015),), ((0.0, 0.0),), ((0.0005, -0.0015),)], 1))
+@steps(1)
+@pytest.mark.parametrize("aside", mostly_slow([((0.001, 0.0015),), ((0.0, 0.0),), ((0.0005, -0.0015),)], 1, 1))
 def test_a_sheet_that_winds_is_not_crossed(aside: Sequence[float], steps_s: tuple[float, float]) -> None:
     """57,000 triangles. At 0.7 m/s and 50 ms a step leads through several of its layers. Where the proxy is free, it
     is in the channel in which it began.

@@ -17,6 +17,7 @@ from hapnet.ext.solids.rigid_contacts import RigidContacts, Solid
 from hapnet.ext.solids.shapes import Cuboid, Shape
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.registry import make_scene
+from tests.conftest import mostly_slow
 from tests.support.mesh_runs import ball, boxes, words
 from tests.support.solids import torus
 
@@ -124,7 +125,7 @@ def forces(shapes: Sequence[Shape], steps_s: tuple[float, float], places: Sequen
 
 
 @pytest.mark.parametrize("steps_s", [(0.001, 0.001), (0.010, 0.050)], ids=["1 ms", "10 to 50 ms"])
-@pytest.mark.parametrize("inverted", [[], [0], [1]])
+@pytest.mark.parametrize("inverted", mostly_slow([[], [0], [1]], 1))
 def test_overlapping_boxes_are_felt_as_cuboids(inverted: list[int], steps_s: tuple[float, float]) -> None:
     """A ground and a block on it that reaches into it: pressed on the ground, then into the corner, then aside."""
     ground, block = ((0.04, 0.0, 0.0), (0.04, 0.1, 0.1)), ((0.025, 0.02, 0.0), (0.04, 0.02, 0.1))

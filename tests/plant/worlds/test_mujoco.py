@@ -48,7 +48,7 @@ def test_a_passive_scene_over_a_link(name: str, tmp_path: Path) -> None:
     check(result)
 
 
-@pytest.mark.parametrize("index", mostly_slow(range(100), 0, 16))
+@pytest.mark.parametrize("index", mostly_slow(range(100), 0, 8))
 def test_passive_scenes_over_a_hundred_random_links(index: int, tmp_path: Path) -> None:
     content = list(SCENES.values())[index % len(SCENES)]
     proxy = "?proxy=handle" if "handle" in content and index % 5 == 2 else "?at=0,0,0.03"
@@ -66,7 +66,9 @@ def bouncing(tmp_path: Path, content: str = BLOCK) -> tuple[Result, Environment]
     return result, result.summary["environment"]
 
 
-@pytest.mark.parametrize("content", [BLOCK, BALL], ids=["the proxy", "a ball far away"])
+@pytest.mark.parametrize(
+    "content", mostly_slow([(one,) for one in [BLOCK, BALL]], 1), ids=["the proxy", "a ball far away"]
+)
 def test_energy_that_the_engine_makes_is_seen_paid_and_said(content: str, tmp_path: Path) -> None:
     result, own = bouncing(tmp_path, content)
     assert own["env_given_J"] > 1e-5
@@ -76,7 +78,9 @@ def test_energy_that_the_engine_makes_is_seen_paid_and_said(content: str, tmp_pa
     assert any("a direct solref" in line and "EULER" in line for line in result.warnings)
 
 
-@pytest.mark.parametrize("content", [BLOCK, BALL], ids=["the proxy", "a ball far away"])
+@pytest.mark.parametrize(
+    "content", mostly_slow([(one,) for one in [BLOCK, BALL]], 1), ids=["the proxy", "a ball far away"]
+)
 def test_without_the_observer_it_is_active(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def unobserved(account: EngineAccount, work: float, supplied: float) -> bool:
         account.supplied_J += supplied

@@ -11,6 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.engines.mujoco_engine import mujoco_world
 from hapnet.mechanics.plane import Plane
+from tests.conftest import mostly_slow
 from tests.plant.worlds.test_mujoco import check, over_a_link
 from tests.support.mujoco_models import BALL, BLOCK, BOX, DOOR, FLEX, found_of, model
 
@@ -165,7 +166,7 @@ def test_planes_make_the_force_truer_and_steadier_over_a_bad_link() -> None:
         assert device["ledger"]["slack_J"] >= -1e-12
 
 
-@pytest.mark.parametrize("index", [1, 6, *[pytest.param(k, marks=pytest.mark.slow) for k in range(20, 40)]])
+@pytest.mark.parametrize("index", mostly_slow([1, 6, *range(20, 40)], 2, 10))
 def test_with_all_planes_told_it_is_passive_over_random_links(index: int, tmp_path: Path) -> None:
     content = (BLOCK, BOX, BALL + BOX, BLOCK + DOOR + BALL)[index % 4]
     result = over_a_link(model(tmp_path / "m.xml", content) + "?at=0,0,0.03&planes=all", index)

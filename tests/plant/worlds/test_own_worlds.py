@@ -16,6 +16,7 @@ from hapnet.ext.engines.own_worlds import SteppedWorld
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.scenes.wall import wall as flat_wall
 from hapnet.plant.worlds.registry import make_scene
+from tests.conftest import mostly_slow
 from tests.support.theorem_cases import random_case
 
 Vector = tuple[float, ...]
@@ -160,7 +161,7 @@ def test_a_driven_obstacle_is_pushed_back_and_its_drive_alone_supplies() -> None
     assert driven.supplied_J == pytest.approx(0.5 * 0.5 * 0.5 / 0.3 * 0.1**2, rel=1e-9)  # d x, x = d t^2 / 2 m
 
 
-@pytest.mark.parametrize("index", range(2))
+@pytest.mark.parametrize("index", mostly_slow(range(2), 1))
 @pytest.mark.parametrize("name", ["pump", "stepped", "all"])
 def test_over_any_link_both_accounts_hold(name: str, index: int, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[ObservedWorld] = []

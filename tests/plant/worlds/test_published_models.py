@@ -32,6 +32,12 @@ def _files() -> Iterator[Any]:
 
 FILES = [*_files()] or [pytest.param(None, marks=pytest.mark.skip("gymnasium and dm_control are not installed"))]
 
+EVERY_THIRD = [
+    pytest.param(*one.values, id=one.id, marks=[*one.marks, *[pytest.mark.soak] * (number % 3 > 0)])
+    for number, one in enumerate(FILES)
+]
+"""All of them, of which the slow tests run every third."""
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.filterwarnings("ignore:compiler attribute:UserWarning"),  # MuJoCo, of what a model's author wrote
@@ -72,7 +78,7 @@ def test_each_loads_or_is_refused_for_a_reason_that_is_its_own(file: Path) -> No
     assert np.array_equal(met, touchable)
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("file", EVERY_THIRD)
 def test_each_runs_over_a_link_and_its_account_closes(file: Path) -> None:
     if refusal(file) is not None:
         pytest.skip("MuJoCo does not load it")

@@ -20,6 +20,7 @@ from hapnet.params import Params
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.simulation.simulation import Simulation
+from tests.conftest import mostly_slow
 from tests.metrics.test_contact import random_spd
 from tests.support.solids import CENTRE, SHAPES, Account, stair, torus
 
@@ -72,7 +73,7 @@ def pressed(
     return account
 
 
-@pytest.mark.parametrize("steps_s", STEPS_S, ids=["1 ms", "10 to 50 ms", "100 ms"])
+@pytest.mark.parametrize("steps_s", mostly_slow([(one,) for one in STEPS_S], 8), ids=["1 ms", "10 to 50 ms", "100 ms"])
 @pytest.mark.parametrize("name", [*SHAPES, *MESHES])
 def test_solids_give_no_more_than_they_have(name: str, steps_s: tuple[float, float]) -> None:
     fast = steps_s[0] == 0.001
@@ -80,11 +81,15 @@ def test_solids_give_no_more_than_they_have(name: str, steps_s: tuple[float, flo
         pressed([shape_of(name)], friction, steps_s, int(general), general=general, seconds=0.6 if fast else 2.0)
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.lists(st.sampled_from(sorted(SHAPES)), min_size=2, max_size=4, unique=True), st.integers(0, 2**32 - 1),
-       st.sampled_from([0.0, 0.2, 1.5]), st.booleans())  # fmt: skip
-def test_several_solids_at_once(names: list[str], seed: int, friction: float, general: bool) -> None:
-    pressed([SHAPES[name] for name in names], friction, (0.005, 0.06), seed, general=general)
+@pytest.mark.parametrize("examples", mostly_slow([3, 12], 1))
+def test_several_solids_at_once(examples: int) -> None:
+    @settings(max_examples=examples, deadline=None)
+    @given(st.lists(st.sampled_from(sorted(SHAPES)), min_size=2, max_size=4, unique=True), st.integers(0, 2**32 - 1),
+           st.sampled_from([0.0, 0.2, 1.5]), st.booleans())  # fmt: skip
+    def any_solids(names: list[str], seed: int, friction: float, general: bool) -> None:
+        pressed([SHAPES[name] for name in names], friction, (0.005, 0.06), seed, general=general)
+
+    any_solids()
 
 
 def test_the_force_of_several_solids_is_the_sum_of_what_each_pushes_to_the_last_bit() -> None:
@@ -165,12 +170,20 @@ def test_a_sphere_over_a_bad_link() -> None:
     check_sphere(BAD_LINKS[1], (0.010, 0.050), "hapnet")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("rendering", ["paper", "hapnet"])
-@pytest.mark.parametrize("steps_s", STEPS_S, ids=["1 ms", "10 to 50 ms", "100 ms"])
-def test_a_sphere_over_every_bad_link(steps_s: tuple[float, float], rendering: str) -> None:
-    for link in links_for(steps_s):
-        check_sphere(link, steps_s, rendering)
+@pytest.mark.parametrize(
+    ("link", "steps_s", "rendering"),
+    mostly_slow(
+        [
+            (BAD_LINKS[0], STEPS_S[1], "hapnet"), (BAD_LINKS[1], STEPS_S[2], "hapnet"),
+            (BAD_LINKS[2], STEPS_S[1], "paper"), (BAD_LINKS[1], STEPS_S[0], "paper"),
+            *((link, steps_s, rendering) for steps_s in STEPS_S for link in links_for(steps_s)
+              for rendering in ("paper", "hapnet")),
+        ],
+        0, 4,
+    ),
+)  # fmt: skip
+def test_a_sphere_over_every_bad_link(link: str, steps_s: tuple[float, float], rendering: str) -> None:
+    check_sphere(link, steps_s, rendering)
 
 
 # -- friction, and the anchored energy --------------------------------------------------------------------------------
@@ -231,7 +244,7 @@ def mad(place: Vector) -> float:
     return (-3.0, 0.6, math.nan, math.inf)[int(1e4 * abs(place[1])) % 4]
 
 
-@pytest.mark.parametrize("steps_s", STEPS_S, ids=["1 ms", "10 to 50 ms", "100 ms"])
+@pytest.mark.parametrize("steps_s", mostly_slow([(one,) for one in reversed(STEPS_S)], 2))
 @pytest.mark.parametrize("friction", [FrictionTexture(0.5, 1.0, 0.003), mad], ids=["texture", "mad"])
 def test_friction_that_varies_is_passive(friction: Friction, steps_s: tuple[float, float]) -> None:
     for general in (False, True):

@@ -145,10 +145,10 @@ def test_strains_that_are_not_anchored_are_energy_from_nothing(monkeypatch: pyte
     assert moved(block(), TENTH, shaken, 1.5).closure_J > 1e-4
 
 
-@pytest.mark.slow
-def test_a_held_force_does_not_depend_on_the_step() -> None:
+@pytest.mark.parametrize("nodes", mostly_slow([216, 343], 0, 1))
+def test_a_held_force_does_not_depend_on_the_step(nodes: int) -> None:
     def held(draw: Draw) -> float:
-        return float(np.linalg.norm(moved(block(343), draw, press(0.04), 1.8).force))
+        return float(np.linalg.norm(moved(block(nodes), draw, press(0.04), 1.8).force))
 
     exact = held(MILLISECOND)
     assert exact > 3.0
@@ -162,8 +162,8 @@ def test_the_tolerance_is_not_felt() -> None:
     assert np.linalg.norm(rough) == pytest.approx(np.linalg.norm(fine), rel=0.01)
 
 
-@pytest.mark.parametrize("draw", [VARIABLE, lambda rng: 0.05], ids=["variable", "50 ms"])
-@pytest.mark.parametrize("name", VIOLENT)
+@pytest.mark.parametrize("draw", mostly_slow([lambda rng: 0.05, VARIABLE], 1), ids=["50 ms", "variable"])
+@pytest.mark.parametrize("name", mostly_slow([(one,) for one in VIOLENT], 1))
 def test_violent_motion_keeps_its_strains(name: str, draw: Draw) -> None:
     """Up to 50 ms, with a damping of 10 ms: what the linear step misses is small, and no point is forgotten."""
     run = moved(block(343), draw, VIOLENT[name], 2.0)
@@ -173,8 +173,9 @@ def test_violent_motion_keeps_its_strains(name: str, draw: Draw) -> None:
     assert run.slack_J >= -1e-12
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "mu"), [("to and fro", 0.3), ("to and fro", 0.0), ("round", 0.5), ("askew", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "mu"), mostly_slow([("round", 0.5), ("askew", 0.5), ("to and fro", 0.3), ("to and fro", 0.0)], 0, 1)
+)
 def test_a_fine_body_keeps_its_strains_too(name: str, mu: float) -> None:
     """Of a thousand nodes a hundred points may come to touch within 50 ms. With less friction the ball that goes round
     slips over an edge within a step, and strains are lost, without friction too (soft.md)."""
@@ -183,10 +184,11 @@ def test_a_fine_body_keeps_its_strains_too(name: str, mu: float) -> None:
     assert run.closure_J <= 1e-12
 
 
-def test_indentation_agrees_with_an_independent_solver() -> None:
+@pytest.mark.parametrize("nodes", mostly_slow([216, 512], 1))
+def test_indentation_agrees_with_an_independent_solver(nodes: int) -> None:
     """The same mesh, pins and forces in scikit-fem, at small strains."""
     skfem = pytest.importorskip("skfem")
-    contacts = block(512, 1e-4, friction=0.0, beta_s=0.05)
+    contacts = block(nodes, 1e-4, friction=0.0, beta_s=0.05)
     body, rest = contacts.body, contacts.body.x.copy()
     moved(contacts, VARIABLE, press(FRONT_M + 4e-4), 4.0)
     assert np.abs(body.v).max() < 2e-3
@@ -208,6 +210,7 @@ def nearest_rotations(gradients: Array) -> Array:
     return u @ vt
 
 
+@pytest.mark.slow
 def test_a_body_that_is_shaken_moves_as_its_tetrahedra_and_its_contacts_say() -> None:
     """Each node's momentum by stresses, with numpy's singular values and differences; and the springs, dampers and
     friction of the points that touch during a whole step, from the places at its ends."""
@@ -314,10 +317,11 @@ def test_friction_holds_up_to_its_limit() -> None:
     assert across.sum() / push.sum() == pytest.approx(0.3, rel=0.15)
 
 
-def test_the_planes_are_as_stiff_as_the_body() -> None:
+@pytest.mark.parametrize("nodes", mostly_slow([125, 343], 1))
+def test_the_planes_are_as_stiff_as_the_body(nodes: int) -> None:
     """Of a ball that is held deeper and deeper, each time until it rests: the force that the planes of the place before
     have said."""
-    contacts = block(343, friction=0.0, beta_s=0.05)
+    contacts = block(nodes, friction=0.0, beta_s=0.05)
     mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0, 0.0, 0.0))
     expected = None
     for depth in (0.024, 0.028, 0.032):
@@ -332,9 +336,10 @@ def test_the_planes_are_as_stiff_as_the_body() -> None:
     assert contacts.planes((-0.1, 0.0, 0.0), 0.02) == ()
 
 
-def test_planes_that_are_told_from_afar_are_right() -> None:
+@pytest.mark.parametrize("nodes", mostly_slow([343, 512], 0))
+def test_planes_that_are_told_from_afar_are_right(nodes: int) -> None:
     """A hand may press deep before it hears again; and the rim of a flat face says nothing of how that bends."""
-    contacts = block(512, friction=0.0, beta_s=0.05)
+    contacts = block(nodes, friction=0.0, beta_s=0.05)
     assert contacts.planes((0.0, 0.017, 0.012), 0.05)[0].curvatures == ()
     told = contacts.planes((-0.02, 0.003, 0.0), 0.05)
     mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0, 0.0, 0.0))
@@ -345,7 +350,7 @@ def test_planes_that_are_told_from_afar_are_right() -> None:
         assert said == pytest.approx(-step.force[0], rel=0.1)
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.05])
+@pytest.mark.parametrize("dt", mostly_slow([0.05, 0.02], 1))
 def test_the_shape_without_the_ball_is_that_of_rest(dt: float) -> None:
     """However the ball moves: what the device is told must not follow the body's own swinging."""
     contacts = block(343, friction=0.0)

@@ -8,6 +8,7 @@ from hapnet.ext.soft import soft_mesh
 from hapnet.ext.soft.soft_body import Body, Material
 from hapnet.ext.soft.soft_contacts import Skin, SoftContacts
 from hapnet.plant.integrator import PassiveIntegrator
+from tests.conftest import mostly_slow
 
 DEPTHS_M = np.array([0.002, 0.003, 0.004, 0.006, 0.008, 0.01])
 HARD_N = {
@@ -50,32 +51,61 @@ def pressed(
     return step.position[0], -step.force[0]
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.4, 0.49])
-@pytest.mark.parametrize(("aim", "within"), [(0.0021, 0.12), (0.0032, 0.06), (0.0066, 0.05), (0.0112, 0.08)])
+@pytest.mark.parametrize(
+    ("poisson", "aim", "within"),
+    mostly_slow(
+        [
+            (0.4, 0.0032, 0.06), (0.49, 0.0066, 0.05),
+            (0.3, 0.0021, 0.12), (0.49, 0.0112, 0.08), (0.3, 0.0066, 0.05), (0.49, 0.0021, 0.12),
+            (0.3, 0.0032, 0.06), (0.49, 0.0032, 0.06), (0.4, 0.0066, 0.05), (0.4, 0.0021, 0.12), (0.3, 0.0112, 0.08),
+            (0.4, 0.0112, 0.08),
+        ],
+        2, 6,
+    ),
+)  # fmt: skip
+@pytest.mark.long
 def test_a_ball_feels_the_material(poisson: float, aim: float, within: float) -> None:
     depth, force = pressed(poisson, aim)
     assert force == pytest.approx(hard_N(poisson, depth), rel=within)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.3, 0.4, 0.49])
-@pytest.mark.parametrize("aside", [(0.00333, 0.00333), (0.0017, 0.0025), (0.00333, 0.0)])
-def test_it_feels_the_same_at_each_place_of_the_mesh(poisson: float, aside: tuple[float, float]) -> None:
-    for aim, within in ((0.0021, 0.08), (0.0032, 0.05), (0.0066, 0.05), (0.0112, 0.08)):
-        depth, force = pressed(poisson, aim, aside)
-        assert force == pytest.approx(hard_N(poisson, depth), rel=within)
+@pytest.mark.parametrize(
+    ("aside", "aim", "within"),
+    mostly_slow(
+        [
+            ((0.0017, 0.0025), 0.0032, 0.05), ((0.00333, 0.00333), 0.0021, 0.08),
+            *((aside, aim, within) for aside in ((0.00333, 0.00333), (0.0017, 0.0025), (0.00333, 0.0))
+              for aim, within in ((0.0021, 0.08), (0.0032, 0.05), (0.0066, 0.05), (0.0112, 0.08))),
+        ],
+        0, 2,
+    ),
+)  # fmt: skip
+def test_it_feels_the_same_at_each_place_of_the_mesh(
+    poisson: float, aside: tuple[float, float], aim: float, within: float
+) -> None:
+    depth, force = pressed(poisson, aim, aside)
+    assert force == pytest.approx(hard_N(poisson, depth), rel=within)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("radius", "poisson"), OTHER_BALLS)
-@pytest.mark.parametrize("aside", [(0.0, 0.0), (0.00333, 0.00333), (0.0017, 0.0025)])
-def test_other_balls_feel_it_less_well(radius: float, poisson: float, aside: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("aside", "which"),
+    mostly_slow(
+        [
+            ((0.0, 0.0), 0),
+            *((aside, which) for aside in ((0.00333, 0.00333), (0.0017, 0.0025), (0.0, 0.0))
+              for which in (1, 2, -1, 0)),
+        ],
+        0, 1,
+    ),
+)  # fmt: skip
+def test_other_balls_feel_it_less_well(radius: float, poisson: float, aside: tuple[float, float], which: int) -> None:
     """A small ball touches a circle as large as a triangle."""
     forces = OTHER_BALLS[radius, poisson]
     shape = np.polyfit(list(forces), [force / depth**1.5 for depth, force in forces.items()], 2)
-    for aim in forces:
-        depth, force = pressed(poisson, 1.07 * aim, aside, radius)
-        assert force == pytest.approx(float(np.polyval(shape, depth)) * depth**1.5, rel=0.18 if radius < 0.01 else 0.1)
+    depth, force = pressed(poisson, 1.07 * list(forces)[which], aside, radius)
+    assert force == pytest.approx(float(np.polyval(shape, depth)) * depth**1.5, rel=0.18 if radius < 0.01 else 0.1)
 
 
 def test_the_reference_agrees_with_hertz() -> None:
@@ -92,7 +122,11 @@ def momenta(body: Body) -> tuple[Array, Array]:
     return body.mass @ body.v, (body.mass[:, None] * np.cross(arms, body.v)).sum(axis=0)
 
 
-@pytest.mark.parametrize(("dt", "spin"), [(0.02, (0.0, 0.0, 20.0)), (0.02, (2.0, 3.0, 8.0)), (0.05, (5.0, 10.0, 15.0))])
+@pytest.mark.parametrize(
+    ("dt", "spin"),
+    mostly_slow([(0.05, (5.0, 10.0, 15.0)), (0.02, (0.0, 0.0, 20.0)), (0.02, (2.0, 3.0, 8.0))], 1),
+)
+@pytest.mark.long
 def test_a_free_body_keeps_its_momentum(dt: float, spin: tuple[float, float, float]) -> None:
     """For ten seconds; its account closes meanwhile."""
     places, tets = soft_mesh.block((0.06, 0.05, 0.04), 64)

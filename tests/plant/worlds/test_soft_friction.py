@@ -46,13 +46,16 @@ class Pressed:
 
 CASES = [
     (216, 0.007, 0.003, 10.0, 0.3), (343, 0.01, 0.006, 30.0, 0.1), (343, 0.01, 0.006, 10.0, 1.0),
+    (1000, 0.01, 0.006, 10.0, 0.3), (216, 0.007, 0.003, 1.0, 0.3),
     *((nodes, radius, aim, dt, mu)
+      for dt in (30.0, 10.0, 1.0)
       for nodes, radius, aim in ((216, 0.007, 0.003), (343, 0.01, 0.006), (1000, 0.01, 0.006))
-      for dt in (1.0, 10.0, 30.0) for mu in (0.1, 0.3, 1.0)),
+      for mu in (0.1, 0.3, 1.0)),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("nodes", "radius", "aim", "step_ms", "mu"), mostly_slow(CASES, 3))
+@pytest.mark.parametrize(("nodes", "radius", "aim", "step_ms", "mu"), mostly_slow(CASES, 3, 17))
+@pytest.mark.long
 def test_a_ball_that_slides_is_rubbed_by_mu_times_its_push(
     nodes: int, radius: float, aim: float, step_ms: float, mu: float
 ) -> None:
@@ -68,8 +71,13 @@ def test_a_ball_that_slides_is_rubbed_by_mu_times_its_push(
 
 @pytest.mark.parametrize(
     ("step_ms", "mu", "seconds"),
-    mostly_slow([(30.0, 0.3, 6.0), (30.0, 0.3, 60.0), (10.0, 1.0, 60.0), (1.0, 0.1, 5.0)], 1),
+    mostly_slow(
+        [(30.0, 0.3, 6.0), (30.0, 0.3, 15.0), (10.0, 1.0, 3.0), (30.0, 0.3, 60.0), (10.0, 1.0, 60.0), (1.0, 0.1, 5.0)],
+        1,
+        3,
+    ),
 )
+@pytest.mark.long
 def test_a_ball_at_rest_is_held_by_what_stopped_it(step_ms: float, mu: float, seconds: float) -> None:
     """The pull of the spring stays as it was; the reported force is the spring's within 1 %."""
     run, dt = Pressed(mu), 1e-3 * step_ms
@@ -109,19 +117,32 @@ def course(mu: float, share: float, dt: float, seconds: float, many: int) -> Arr
 
 @pytest.mark.parametrize(
     ("many", "mu", "step_ms", "seconds"),
-    mostly_slow([(1, 0.3, 30.0, 6.0), (2, 0.3, 30.0, 3.0), (1, 0.3, 30.0, 60.0), (2, 0.1, 10.0, 60.0)], 2),
+    mostly_slow(
+        [
+            (1, 0.3, 30.0, 6.0),
+            (2, 0.3, 30.0, 3.0),
+            (1, 0.3, 30.0, 12.0),
+            (2, 0.1, 10.0, 4.0),
+            (1, 0.3, 30.0, 60.0),
+            (2, 0.1, 10.0, 60.0),
+        ],
+        2,
+        4,
+    ),
 )
+@pytest.mark.long
 def test_a_block_that_is_pulled_by_less_than_its_friction_stays(
     many: int, mu: float, step_ms: float, seconds: float
 ) -> None:
     dt = 1e-3 * step_ms
     places = course(mu, 0.9, dt, seconds, many)
-    assert abs(places[-1] - places[round(1.5 / dt)]) < 2e-5
+    assert abs(places[-1] - places[round(1.5 / dt)]) < 2e-5 * seconds / 60.0
 
 
 @pytest.mark.parametrize(
     ("many", "mu", "step_ms"), mostly_slow([(1, 0.3, 30.0), (2, 0.1, 10.0), (1, 0.1, 10.0), (2, 0.3, 30.0)], 2)
 )
+@pytest.mark.long
 def test_a_block_that_is_pulled_by_more_accelerates_by_the_rest(many: int, mu: float, step_ms: float) -> None:
     """By a tenth of mu g; the mean of the places' second differences takes out what swings."""
     dt = 1e-3 * step_ms

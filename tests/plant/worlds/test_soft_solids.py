@@ -18,6 +18,7 @@ from hapnet.ext.solids.shapes import Cuboid, Cylinder, HalfSpace, Shape, Sphere
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.picture import RESTS
 from hapnet.plant.worlds.registry import make_scene
+from tests.conftest import mostly_slow
 from tests.plant.worlds.test_soft import FRONT_M, TENTH, VARIABLE, moved, shaken
 from tests.support.mesh_runs import boxes
 from tests.support.soft_elements import without_locking
@@ -79,7 +80,7 @@ def test_its_sag_agrees_with_an_independent_solver() -> None:
     assert sag[low].mean() == pytest.approx(-WEIGHT_N / (500.0 * len(low)), rel=0.02)
 
 
-@pytest.mark.parametrize("draw", [VARIABLE, TENTH], ids=["variable", "tenth"])
+@pytest.mark.parametrize("draw", mostly_slow([(one,) for one in [VARIABLE, TENTH]], 1), ids=["variable", "tenth"])
 @pytest.mark.parametrize(
     "shapes", [(BELOW,), (BELOW, Sphere((0.06, 0.0, -0.03), 0.012), HalfSpace((1.0, 0.0, 0.0), 0.1))]
 )
@@ -107,7 +108,7 @@ def _in_slab(middle: tuple[float, ...], place: tuple[float, ...]) -> float:
     return float(np.hypot.reduce([max(0.0, part) for part in away]) + min(0.0, max(away)) - 0.01)
 
 
-@pytest.mark.parametrize("kind", ["cuboid", "cylinder", "mesh", "function"])
+@pytest.mark.parametrize("kind", mostly_slow(["cuboid", "cylinder", "mesh", "function"], 1))
 def test_solids_of_all_kinds_carry_a_block_that_is_shaken(kind: str) -> None:
     """Its weight and sag are those on a plane, and every step closes while the ball presses it and slides along it."""
     contacts, on_plane = lying(table(kind), nodes=64), lying()
@@ -119,7 +120,7 @@ def test_solids_of_all_kinds_carry_a_block_that_is_shaken(kind: str) -> None:
     assert run.slack_J >= -1e-12
 
 
-@pytest.mark.parametrize("kind", ["cuboid", "mesh"])
+@pytest.mark.parametrize("kind", mostly_slow(["cuboid", "mesh"], 1))
 def test_a_block_hangs_over_an_edge(kind: str) -> None:
     """A third of it is beyond the edge, and sags there, but the edge is not in it."""
     middle, size = (0.028, 0.0, -0.05), (0.08, 0.12, 0.04)
