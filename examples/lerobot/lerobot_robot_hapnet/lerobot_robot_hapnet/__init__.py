@@ -1,13 +1,14 @@
 """A remote robot for LeRobot, over a bad network: ``--robot.type=hapnet`` with any of LeRobot's teleoperators.
 
-Each action moves the leader of a hapnet pair. The other side, on the robot's host, is `hapnet device --role follower`,
-`hapnet world`, or LeRobot with ``--teleop.type=hapnet``. An observation has the remote robot's position and the force
-with which a haptic device would push the hand back.
+Each action moves the leader of a hapnet pair. The other side, on the robot's host, is LeRobot with
+``--teleop.type=hapnet``, `hapnet world`, or `hapnet device --role follower`. An observation has the position of the
+mass that the hand moves, and the force with which a haptic device would push the hand back. A leader of type
+``hapnet_leader`` renders this force.
 """
 
 from __future__ import annotations
 
-import math
+import logging
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,32 +17,36 @@ from typing import Any
 from lerobot.robots import Robot, RobotConfig
 
 from hapnet import connect_device
-from hapnet.devices import DeviceSilent
 
+from .hand import DEGREE_RAD, SO101, Hand
+from .leader import HapnetLeader, HapnetLeaderConfig
 from .side import Side
 
-SMOOTHING_S = 0.02
-"""Time constant of the low-pass filter that turns LeRobot's steps into a motion."""
+__all__ = ["HapnetLeader", "HapnetLeaderConfig", "HapnetRobot", "HapnetRobotConfig"]
 
-STALE_S = 0.5
-"""Longest time without an action; after it the device is silent, and the other side applies its `on_silence`."""
+_LEROBOT_S = 2.0
+"""A peer that does not say within this time after pairing that it is LeRobot is another program."""
 
 
 @RobotConfig.register_subclass("hapnet")
 @dataclass(kw_only=True)
 class HapnetRobotConfig(RobotConfig):
-    """joints : the action's names, one for each axis. scale : metres (radians of joints) in a unit of an action.
+    """joints : the action's names, one for each axis; default: SO-101's. scale : radians in a unit of an action.
 
     connect, listen : endpoints, as of `hapnet device`. params : hapnet's parameters, such as {"link.up": "4g"}. speed :
-    the leader's maximum speed [m/s].
+    the leader's maximum, of all joints together [rad/s]. fps : the rate of LeRobot's loop. stiffness : of the spring that the hand feels
+    [Nm/rad]. force_limit : the largest force at a joint [Nm].
     """
 
-    joints: list[str] = field(default_factory=lambda: ["x"])
-    scale: float = 0.001
+    joints: list[str] = field(default_factory=lambda: list(SO101))
+    scale: float = DEGREE_RAD
     connect: str = ""
     listen: str = ""
     params: dict[str, Any] = field(default_factory=dict)
-    speed: float = 0.5
+    speed: float = 6.0
+    fps: float = 60.0
+    stiffness: float = 2.0
+    force_limit: float = 0.33
 
 
 class HapnetRobot(Robot):
@@ -53,7 +58,8 @@ class HapnetRobot(Robot):
     def __init__(self, config: HapnetRobotConfig) -> None:
         super().__init__(config)
         self.config = config
-        self.hand = Hand(len(config.joints), config.speed)
+        self.cameras: dict[str, Any] = {}  # lerobot-record counts them
+        self.hand = Hand(len(config.joints), config.speed, config.fps, config.force_limit)
         self.side: Side | None = None
         self._first: dict[str, float] = {}
 
@@ -76,61 +82,61 @@ class HapnetRobot(Robot):
     def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
+        """Wait for the other side; if that is LeRobot, until it knows its robot's position.
+
+        Raises ConnectionError: the side failed, or the other side has other joints.
+        """
         given = self.config
-        params = {"dof": len(given.joints), "device.servo_hz": 500.0, "device.self_test_N": 0.0} | given.params
+        params = {
+            "dof": len(given.joints), "scene": "joints", "device.servo_hz": given.fps, "device.pspm_period_s": 1 / given.fps,
+            "device.watchdog_s": 0.05, "device.ceiling_J": 0.2, "device.self_test_N": 0.0, "device.stiffness": given.stiffness,
+            "device.force_limit_N": given.force_limit,
+        } | given.params  # fmt: skip
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
-        self.side = Side(lambda: connect_device(params, device=self.hand, **ends))
-        self.side.open()
+        self.side = side = Side(lambda: connect_device(params, device=self.hand, **ends))
+        side.open()
+        logging.info("hapnet: waiting for the robot's side (%s)", given.listen or given.connect or "the local network")
+        side.wait_for_peer()
+        until = time.monotonic() + _LEROBOT_S
+        while self.hand.zero is None and (self.hand.joints or time.monotonic() < until):
+            if self.hand.joints and self.hand.joints != (ours := ",".join(given.joints)):
+                side.close()
+                raise ConnectionError(f"hapnet: robot.joints is {ours}; allowed: {self.hand.joints}, as the other side")
+            side.require_open()
+            time.sleep(0.01)
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Move the leader. The first action corresponds to the remote robot's position, so the robot does not jump."""
         now = {name: float(action[name]) for name in self.action_features}
         self._first = self._first or now
-        self.hand.go(tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
+        goal = tuple((now[name] - first) * self.config.scale for name, first in self._first.items())
+        leader = next(iter(HapnetLeader.opened), None)
+        if leader is None:
+            self.hand.go(goal)
+            return now
+        joints = self.config.joints
+        force = self.hand.go(goal, tuple(leader.measured[joint] for joint in joints))
+        unit = self.config.stiffness * self.config.scale
+        leader.send_feedback(
+            {f"{joint}.pos": now[f"{joint}.pos"] + one / unit for joint, one in zip(joints, force, strict=True)}
+            | {f"{joint}.force": one for joint, one in zip(joints, force, strict=True)}
+        )
         return now
 
     def get_observation(self) -> dict[str, Any]:
-        """The remote robot's position and the force [N]; before a peer connects, the first action and no force."""
+        """The mass's position in the remote robot's units and the force for the hand [Nm].
+
+        If the other side is not LeRobot, its position counts from the first action.
+        """
         assert self.side is not None, "connect comes first"
         sample = self.side.sample
         at = (0.0,) * self.hand.dof if sample is None else sample.target_m
-        first = self._first or dict.fromkeys(self.action_features, 0.0)
-        found = {name: start + x / self.config.scale for (name, start), x in zip(first.items(), at, strict=True)}
+        names = self.action_features
+        zero = self.hand.zero or tuple(self._first.get(name, 0.0) for name in names)
+        found = {name: start + x / self.config.scale for name, start, x in zip(names, zero, at, strict=True)}
         felt = dict(zip(self.config.joints, self.hand.felt, strict=True))
         return found | {f"{joint}.force": force for joint, force in felt.items()}
 
     def disconnect(self) -> None:
         if self.side is not None:
             self.side.close()
-
-
-class Hand:
-    """A device without motors that follows LeRobot's actions; `felt` is the force that it would render [N]."""
-
-    resolution = 0.0
-    force_limit = 3.3
-
-    def __init__(self, dof: int, speed: float) -> None:
-        self.dof = dof
-        self.greatest_speed = 2.0 * speed
-        self.felt = self._x = self._goal = (0.0,) * dof
-        self._speed = speed
-        self._read_s = self._action_s = time.monotonic()
-        self._began = False
-
-    def go(self, goal: tuple[float, ...]) -> None:
-        self._goal, self._action_s, self._began = goal, time.monotonic(), True
-
-    def read(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        now = time.monotonic()
-        dt, self._read_s = now - self._read_s, now
-        if self._began and now - self._action_s > STALE_S:
-            raise DeviceSilent(f"no action for {STALE_S:g} s")
-        share, most = -math.expm1(-dt / SMOOTHING_S), self._speed * dt
-        moved = tuple(max(-most, min(most, share * (g - x))) for g, x in zip(self._goal, self._x, strict=True))
-        self._x = tuple(x + m for x, m in zip(self._x, moved, strict=True))
-        return self._x, tuple(m / dt if dt > 0.0 else 0.0 for m in moved)
-
-    def apply(self, force: tuple[float, ...]) -> tuple[float, ...]:
-        self.felt = force
-        return (0.0,) * self.dof

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from typing import Any
+
+_LEVELS = {"warning": logging.WARNING, "error": logging.ERROR}
 
 
 class Side:
@@ -32,9 +35,14 @@ class Side:
     def wait_for_peer(self) -> None:
         """Return when a peer has connected and there is a sample. Raises ConnectionError: the side failed or ended."""
         while self.sample is None:
-            if not self.is_open:
-                raise ConnectionError("hapnet: the run ended before there was a peer")
+            self.require_open()
             time.sleep(0.01)
+
+    def require_open(self) -> None:
+        """Raises ConnectionError: the side failed or ended."""
+        self.check()
+        if not self.is_open:
+            raise ConnectionError("hapnet: the run ended before it began")
 
     def check(self) -> None:
         """Raises ConnectionError: the side failed."""
@@ -57,16 +65,24 @@ class Side:
             self._loop.call_soon_threadsafe(self._leave.set)
             self._thread.join()
 
+    async def _tell(self) -> None:
+        """Write the side's events, but no signals, to LeRobot's log."""
+        async for event in self._side.events():
+            if event.notice.kind != "signal":
+                logging.log(_LEVELS.get(event.level, logging.INFO), "hapnet: %s", event.text)
+
     async def _main(self) -> None:
         self._loop, self._leave = asyncio.get_running_loop(), asyncio.Event()
         try:
             async with self._connect() as self._side:
                 self._changed.set()
+                told = asyncio.ensure_future(self._tell())
                 left, ended = (asyncio.ensure_future(wait) for wait in (self._leave.wait(), self._side.wait_ended()))
                 await asyncio.wait((left, ended), return_when=asyncio.FIRST_COMPLETED)
-                left.cancel()
-                ended.cancel()
+                for task in (left, ended, told):
+                    task.cancel()
             self.summary = await self._side.wait_ended()
+            logging.info("hapnet: %s", self.summary["verdict"]["reason"])
         except Exception as error:
             self._failure = error
         finally:

@@ -1,63 +1,70 @@
-"""A remote hand for LeRobot, over a bad network: ``--teleop.type=hapnet`` with any of LeRobot's robots.
+"""A remote hand for LeRobot, over a bad network: ``--teleop.type=hapnet`` with ``--robot.type=hapnet_arm``.
 
-The other side, on the hand's host, is `hapnet device` with any haptic device, or LeRobot with ``--robot.type=hapnet``.
-Here a virtual mass follows the hand, passively over any link; an action is the position of the mass. `send_feedback`
-makes the robot's state act on the mass, and so on the hand. The first feedback sets the initial position of the mass;
-before it there is no action. LeRobot's loop passes observations to no teleoperator: use ``--robot.type=hapnet_arm``.
+The other side, on the hand's host, is LeRobot with ``--robot.type=hapnet``, or `hapnet device` with any haptic device.
+Here a virtual mass follows the hand, passively over any link; an action is the position of the mass. LeRobot's loop
+passes observations to no teleoperator, so `HapnetArm` wraps the robot and feeds its position back: a spring pulls the
+mass, and so the hand, towards the robot.
 """
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
-from lerobot.robots import Robot, RobotConfig
-from lerobot.robots.utils import make_robot_from_config
+from lerobot.robots import Robot, RobotConfig, make_robot_from_config
 from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
+from lerobot_robot_hapnet.choice import config_of
+from lerobot_robot_hapnet.hand import DEGREE_RAD, SO101, Vector
 from lerobot_robot_hapnet.side import Side
 
 from hapnet import connect_world
 
 STALE_S = 0.25
-"""Maximum age of feedback; older feedback has no effect."""
+"""Maximum age of feedback; older feedback has no effect, and the next action is again the robot's position."""
+
+STEP_S = 0.01
+"""The world's step: the mass is newer than an action of a loop of 60 a second."""
 
 
 @TeleoperatorConfig.register_subclass("hapnet")
 @dataclass(kw_only=True)
 class HapnetTeleoperatorConfig(TeleoperatorConfig):
-    """joints : the action's names, one for each axis. scale : metres (radians of joints) in a unit of an action.
+    """joints : the action's names, one for each axis; default: SO-101's. scale : radians in a unit of an action.
 
     connect, listen : endpoints, as of `hapnet world`. params : hapnet's parameters, such as {"link.down": "4g"}.
-    stiffness, damping : of the spring between mass and robot, used for feedback with positions [N/m], [Ns/m].
+    stiffness, damping : of the spring between mass and robot [Nm/rad], [Nms/rad].
     """
 
-    joints: list[str] = field(default_factory=lambda: ["x"])
-    scale: float = 0.001
+    joints: list[str] = field(default_factory=lambda: list(SO101))
+    scale: float = DEGREE_RAD
     connect: str = ""
     listen: str = ""
     params: dict[str, Any] = field(default_factory=dict)
-    stiffness: float = 200.0
-    damping: float = 2.0
+    stiffness: float = 2.0
+    damping: float = 0.02
 
 
 class HapnetTeleoperator(Teleoperator):
-    """The remote hand."""
+    """The remote hand.
+
+    Attributes
+    ----------
+    opened : the connected teleoperators, which `HapnetArm` feeds. world : the robot as hapnet's world.
+    """
 
     config_class = HapnetTeleoperatorConfig
     name = "hapnet"
     opened: ClassVar[list[HapnetTeleoperator]] = []
-    """The connected teleoperators."""
 
     def __init__(self, config: HapnetTeleoperatorConfig) -> None:
         super().__init__(config)
         self.config = config
-        self.robot = Measured(len(config.joints), config.stiffness, config.damping)
+        self.world = Measured(tuple(config.joints), config.stiffness, config.damping)
         self.side: Side | None = None
-        self._first = dict.fromkeys(self.action_features, 0.0)
-        self._fed = self.waits = False
+        self._fed_s: float | None = None
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -78,46 +85,46 @@ class HapnetTeleoperator(Teleoperator):
     def configure(self) -> None: ...
 
     def connect(self, calibrate: bool = True) -> None:
+        """Wait for the other side. Raises ConnectionError: this side failed."""
         given = self.config
         params = {"dof": len(given.joints)} | given.params
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
-        self.side = Side(lambda: connect_world(params, scene=lambda **_: self.robot, **ends))
+        self.side = Side(lambda: connect_world(params, scene=lambda **_: self.world, **ends))
         self.side.open()
+        logging.info("hapnet: waiting for the hand's side (%s)", given.listen or given.connect or "the local network")
         self.side.wait_for_peer()
         self.opened.append(self)
 
     def get_action(self) -> dict[str, float]:
-        """The position of the mass, which begins at the robot's position. Empty before the first feedback, if
-        `with_feedback` is used.
+        """The position of the mass, which begins at the robot's position.
 
         Raises RuntimeError: the robot's position was not fed back.
         """
-        if not self._fed:
-            if self.waits:
-                return {}
+        if self._fed_s is None:
             raise RuntimeError("the arm's position is not known: use --robot.type=hapnet_arm, see hapnet's README")
-        return {
-            name: first + x / self.config.scale
-            for (name, first), x in zip(self._first.items(), self._at(), strict=True)
-        }
+        at = zip(self.action_features, self.world.zero, self._at(), strict=True)
+        return {name: zero + x / self.config.scale for name, zero, x in at}
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Take the robot's position (``x.pos``) or the force on it (``x.force``, in N). Once the position is known, the
-        force has precedence."""
-        forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
-        if self._fed and None not in forces:
-            self.robot.feed(force=tuple(map(float, forces)))
-            return
-        now = {name: float(feedback[name]) for name in self.action_features}
-        if not self._fed:
-            at = zip(now.items(), self._at(), strict=True)
-            self._fed, self._first = True, {name: place - x / self.config.scale for (name, place), x in at}
-        self.robot.feed(at=tuple((now[name] - first) * self.config.scale for name, first in self._first.items()))
+        """Take the robot's position (``x.pos``), or besides it the force on it (``x.force``, in Nm), which then acts on
+        the mass in the spring's place.
 
-    def _at(self) -> tuple[float, ...]:
+        The first position, and the first after a pause of more than `STALE_S`, becomes the mass's.
+        """
+        now, scale = time.monotonic(), self.config.scale
+        place = tuple(float(feedback[name]) for name in self.action_features)
+        if self._fed_s is None or now - self._fed_s > STALE_S:
+            self.world.zero = tuple(one - x / scale for one, x in zip(place, self._at(), strict=True))
+        self._fed_s = now
+        forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
+        force = None if None in forces else tuple(map(float, forces))
+        at = tuple((one - zero) * scale for one, zero in zip(place, self.world.zero, strict=True))
+        self.world.feed(at, force)
+
+    def _at(self) -> Vector:
         assert self.side is not None, "connect comes first"
         sample = self.side.sample
-        return (0.0,) * self.robot.dof if sample is None else tuple(sample.position_m)
+        return (0.0,) * self.world.dof if sample is None else tuple(sample.position_m)
 
     def disconnect(self) -> None:
         if self in self.opened:
@@ -129,15 +136,16 @@ class HapnetTeleoperator(Teleoperator):
 @RobotConfig.register_subclass("hapnet_arm")
 @dataclass(kw_only=True)
 class HapnetArmConfig(RobotConfig):
-    """arm : any robot of LeRobot's, as in ``--robot.arm.type=so101_follower --robot.arm.port=/dev/ttyACM0``."""
+    """arm : any robot of LeRobot's with its options, as in ``--robot.arm='{type: so101_follower, port: /dev/ttyACM0}'``."""
 
-    arm: RobotConfig
+    arm: dict[str, Any]  # a RobotConfig in a RobotConfig would have no end in LeRobot's parser
 
 
 class HapnetArm(Robot):
-    """A wrapper of any LeRobot robot that feeds its position back to hapnet's teleoperators in this program.
+    """A wrapper of any LeRobot robot that feeds its position back to hapnet's teleoperator in this program.
 
-    LeRobot's loop reads the observation first, so the first action is the arm's position.
+    LeRobot's loop reads the observation first, so the first action is the arm's position. An observation also has the
+    force of the arm on the hand (``x.force``, in Nm), and so `lerobot-record` records it.
     """
 
     config_class = HapnetArmConfig
@@ -145,25 +153,35 @@ class HapnetArm(Robot):
 
     def __init__(self, config: HapnetArmConfig) -> None:
         super().__init__(config)
-        self.arm: Robot = make_robot_from_config(config.arm)
+        self.arm: Robot = make_robot_from_config(config_of(RobotConfig, "robot.arm", config.arm))
 
     @property
+    def cameras(self) -> dict[str, Any]:
+        return getattr(self.arm, "cameras", {})
+
+    @cached_property
     def observation_features(self) -> dict[str, Any]:
-        return self.arm.observation_features
+        return self._forces(float) | self.arm.observation_features
 
-    @property
+    @cached_property
     def action_features(self) -> dict[str, Any]:
-        return self.arm.action_features
+        return dict(self.arm.action_features)
 
     @property
     def is_connected(self) -> bool:
-        return self.arm.is_connected
+        return bool(self.arm.is_connected)
 
     @property
     def is_calibrated(self) -> bool:
-        return self.arm.is_calibrated
+        return bool(self.arm.is_calibrated)
 
     def connect(self, calibrate: bool = True) -> None:
+        """Connect the arm. Raises ValueError: hapnet's teleoperator has other joints."""
+        arm = [name.removesuffix(".pos") for name in self.arm.action_features]
+        for teleop in HapnetTeleoperator.opened:
+            if sorted(teleop.config.joints) != sorted(arm):
+                ours = f"teleop.joints: {','.join(teleop.config.joints)}"
+                raise ValueError(f"{ours} does not fit the arm; allowed: --teleop.joints='[{', '.join(arm)}]'")
         self.arm.connect(calibrate)
 
     def calibrate(self) -> None:
@@ -174,57 +192,67 @@ class HapnetArm(Robot):
 
     def get_observation(self) -> dict[str, Any]:
         found: dict[str, Any] = self.arm.get_observation()
+        forces = self._forces(0.0)
         for teleop in HapnetTeleoperator.opened:
-            if teleop.action_features.keys() <= found.keys():
-                teleop.send_feedback(found)
-        return found
+            teleop.send_feedback(found)
+            forces |= {
+                f"{joint}.force": one for joint, one in zip(teleop.config.joints, teleop.world.force, strict=True)
+            }
+        return forces | found
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        sent: dict[str, Any] = self.arm.send_action(action) if action else action
+        sent: dict[str, Any] = self.arm.send_action(action)
         return sent
 
     def disconnect(self) -> None:
         self.arm.disconnect()
 
+    def _forces(self, value: Any) -> dict[str, Any]:
+        return {name.removesuffix(".pos") + ".force": value for name in self.arm.action_features}
+
 
 class Measured:
-    """The robot as a world: its force on the mass from the newest feedback. hapnet keeps its energy account."""
+    """The robot as a world: its force on the mass from the newest feedback. hapnet keeps its energy account.
+
+    Attributes
+    ----------
+    zero : the robot's position, in LeRobot's units, where the mass is at 0; empty: not known. force : the newest force
+    on the mass [Nm].
+    """
 
     name = "lerobot"
+    units = "rad"
     robot = True
+    min_s = max_s = STEP_S
 
-    def __init__(self, dof: int, stiffness: float, damping: float) -> None:
-        self.dof = dof
+    def __init__(self, joints: tuple[str, ...], stiffness: float, damping: float) -> None:
+        self.dof = len(joints)
+        self.zero: Vector = ()
+        self.force: Vector = (0.0,) * self.dof
+        self._joints = joints
         self._stiffness, self._damping = stiffness, damping
-        self._newest: tuple[float, tuple[float, ...] | None, tuple[float, ...] | None] = (-1.0, None, None)
+        self._newest: tuple[float, Vector, Vector | None] | None = None
 
-    def feed(self, at: tuple[float, ...] | None = None, force: tuple[float, ...] | None = None) -> None:
+    def feed(self, at: Vector, force: Vector | None = None) -> None:
+        """Take the robot's position [rad], and if it is measured the force on it [Nm]."""
         self._newest = time.monotonic(), at, force
 
-    def step(self, dt: float, position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
-        """The force on the mass [N]."""
-        fed_s, at, force = self._newest
-        if time.monotonic() - fed_s > STALE_S:
+    def signals(self) -> dict[str, Any]:
+        """What the other side's LeRobot must know."""
+        return {"joints": ",".join(self._joints)} | ({"zero": self.zero} if self.zero else {})
+
+    def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
+        """The force on the mass [Nm]."""
+        self.force = self._force(position, velocity)
+        return self.force
+
+    def _force(self, position: Vector, velocity: Vector) -> Vector:
+        if self._newest is None or time.monotonic() - self._newest[0] > STALE_S:
             return (0.0,) * self.dof
+        _, at, force = self._newest
         if force is not None:
             return force
-        assert at is not None
         return tuple(
             self._stiffness * (there - x) - self._damping * v
             for there, x, v in zip(at, position, velocity, strict=True)
         )
-
-
-def with_feedback(teleop: HapnetTeleoperator) -> Callable[[tuple[dict[str, Any], dict[str, Any]]], dict[str, Any]]:
-    """A `teleop_action_processor` for LeRobot's own loop, which calls `send_feedback` for one robot only.
-
-    The processor feeds the observation back first, so that the first action is the robot's position.
-    """
-    teleop.waits = True
-
-    def process(action_and_observation: tuple[dict[str, Any], dict[str, Any]]) -> dict[str, Any]:
-        teleop.send_feedback(action_and_observation[1])
-        action: dict[str, Any] = teleop.get_action()
-        return action
-
-    return process
