@@ -32,6 +32,7 @@ FRICTION = {"follower": 1.0, "leader": 0.05}  # Nms/rad
 HAND = 3.0
 GEARS = {"shoulder_pan": 191, "elbow_flex": 191, "wrist_flex": 147, "wrist_roll": 147, "gripper": 147}
 STEP_S = 0.002
+PUSH_RAD = math.radians(20.0)
 
 
 def range_of(joint: str) -> tuple[int, int]:
@@ -87,10 +88,13 @@ class Servo:
 
 
 class Arm:
-    """An arm at a pseudo-terminal with the name `link`. starts : the joints' first angles [degrees]."""
+    """An arm at a pseudo-terminal with the name `link`. starts : the joints' first angles [degrees].
 
-    def __init__(self, kind: str, link: str, starts: list[float]) -> None:
-        self.kind = kind
+    motion : of a leader's hand at each joint, `sine` or `push`, which ends 20 degrees from the start.
+    """
+
+    def __init__(self, kind: str, link: str, starts: list[float], motion: str) -> None:
+        self.kind, self.motion = kind, motion
         ratios = [GEARS.get(joint, 345) / 345 if kind == "leader" else 1.0 for joint in JOINTS]
         self.servos = {
             k: Servo(k, math.radians(start), FRICTION[kind], ratio)
@@ -122,11 +126,8 @@ class Arm:
             return None
         t = 0.0 if self.hand_s is None else at - self.hand_s
         grown = min(1.0, t / 2.0)
-        return (
-            self._starts[k]
-            + grown * math.radians(12.0) * math.sin(1.5 * t + k)
-            - grown * math.radians(12.0) * math.sin(k)
-        )
+        share = grown if self.motion == "push" else 0.6 * grown * (math.sin(1.5 * t + k) - math.sin(k))
+        return self._starts[k] + PUSH_RAD * share
 
     def _answer(self, packet: wire.BusPacket) -> None:
         data = packet.data
@@ -187,11 +188,11 @@ def calibration(folder: Path, name: str) -> None:
     (folder / f"{name}.json").write_text(json.dumps(found), "utf-8")
 
 
-def main(kind: str, link: str, seconds: str, starts: str, stop: str = "") -> None:
-    """kind : leader or follower. starts : first angles [degrees]. stop : where the follower's first joint is blocked."""
-    arm = Arm(kind, link, [float(one) for one in starts.split(",")])
-    if stop:
-        arm.servos[1].stop = math.radians(float(stop))
+def main(kind: str, link: str, seconds: str, starts: str, motion: str = "sine", stops: str = "") -> None:
+    """kind : leader or follower. starts : first angles [degrees]. stops : for each joint, how far it can turn."""
+    arm = Arm(kind, link, [float(one) for one in starts.split(",")], motion)
+    for servo, stop in zip(arm.servos.values(), stops.split(",") if stops else (), strict=bool(stops)):
+        servo.stop = servo.angle + math.radians(float(stop))
     with suppress(OSError, AttributeError):  # on a busy machine, if it may
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     print("ready", flush=True)

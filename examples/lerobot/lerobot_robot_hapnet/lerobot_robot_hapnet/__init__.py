@@ -33,9 +33,9 @@ _LEROBOT_S = 2.0
 class HapnetRobotConfig(RobotConfig):
     """joints : the action's names, one for each axis; default: SO-101's. scale : radians in a unit of an action.
 
-    connect, listen : endpoints, as of `hapnet device`. params : hapnet's parameters, such as {"link.up": "4g"}. speed :
-    the leader's maximum, of all joints together [rad/s]. fps : the rate of LeRobot's loop. stiffness : of the spring that the hand feels
-    [Nm/rad]. force_limit : the largest force at a joint [Nm].
+    connect, listen : endpoints, as of `hapnet device`. params : hapnet's parameters, such as {"link.up": "4g"}.
+    speed : the leader's maximum, of all joints together [rad/s]. fps : the rate of LeRobot's loop. stiffness : of the
+    spring that the hand feels [Nm/rad]. force_limit : the largest force at a joint [Nm].
     """
 
     joints: list[str] = field(default_factory=lambda: list(SO101))
@@ -88,9 +88,9 @@ class HapnetRobot(Robot):
         """
         given = self.config
         params = {
-            "dof": len(given.joints), "scene": "joints", "device.servo_hz": given.fps, "device.pspm_period_s": 1 / given.fps,
-            "device.watchdog_s": 0.05, "device.ceiling_J": 0.2, "device.self_test_N": 0.0, "device.stiffness": given.stiffness,
-            "device.force_limit_N": given.force_limit,
+            "dof": len(given.joints), "scene": "joints", "device.stiffness": given.stiffness, "device.self_test_N": 0.0,
+            "device.servo_hz": given.fps, "device.pspm_period_s": 1.0 / given.fps, "device.watchdog_s": 0.05,
+            "device.force_limit_N": given.force_limit, "device.ceiling_J": 0.2,
         } | given.params  # fmt: skip
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
         self.side = side = Side(lambda: connect_device(params, device=self.hand, **ends))

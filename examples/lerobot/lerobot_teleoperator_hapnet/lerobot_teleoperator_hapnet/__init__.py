@@ -28,6 +28,9 @@ STALE_S = 0.25
 STEP_S = 0.01
 """The world's step: the mass is newer than an action of a loop of 60 a second."""
 
+MASS_DAMPING = 0.03
+"""Of the mass in the coupling [Nms/rad]: at 2 Nm/rad it follows the hand 15 ms behind, without overshoot."""
+
 
 @TeleoperatorConfig.register_subclass("hapnet")
 @dataclass(kw_only=True)
@@ -35,7 +38,8 @@ class HapnetTeleoperatorConfig(TeleoperatorConfig):
     """joints : the action's names, one for each axis; default: SO-101's. scale : radians in a unit of an action.
 
     connect, listen : endpoints, as of `hapnet world`. params : hapnet's parameters, such as {"link.down": "4g"}.
-    stiffness, damping : of the spring between mass and robot [Nm/rad], [Nms/rad].
+    stiffness : of the springs between hand and mass and between mass and robot [Nm/rad]. damping : of the mass while
+    there is feedback [Nms/rad].
     """
 
     joints: list[str] = field(default_factory=lambda: list(SO101))
@@ -87,7 +91,8 @@ class HapnetTeleoperator(Teleoperator):
     def connect(self, calibrate: bool = True) -> None:
         """Wait for the other side. Raises ConnectionError: this side failed."""
         given = self.config
-        params = {"dof": len(given.joints)} | given.params
+        springs = {"world.stiffness": given.stiffness, "world.damping": MASS_DAMPING, "world.step_limit_N": 0.5}
+        params = {"dof": len(given.joints)} | springs | given.params
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
         self.side = Side(lambda: connect_world(params, scene=lambda **_: self.world, **ends))
         self.side.open()
@@ -136,7 +141,8 @@ class HapnetTeleoperator(Teleoperator):
 @RobotConfig.register_subclass("hapnet_arm")
 @dataclass(kw_only=True)
 class HapnetArmConfig(RobotConfig):
-    """arm : any robot of LeRobot's with its options, as in ``--robot.arm='{type: so101_follower, port: /dev/ttyACM0}'``."""
+    """arm : any robot of LeRobot's with its options, as in
+    ``--robot.arm='{type: so101_follower, port: /dev/ttyACM0}'``."""
 
     arm: dict[str, Any]  # a RobotConfig in a RobotConfig would have no end in LeRobot's parser
 
