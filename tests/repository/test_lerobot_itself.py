@@ -64,15 +64,15 @@ def arm(kind: str, folder: Path, starts: tuple[float, ...], *more: str) -> Itera
     link = folder / kind
     command = [sys.executable, "-m", "tests.support.so101", kind, str(link), "400", ",".join(map(str, starts)), *more]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stdout.readline() == b"ready\n"
-    calibration(folder / "calibration", kind)
     try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        calibration(folder / "calibration", kind)
         place = f"port: {os.readlink(link)}, calibration_dir: {folder}/calibration"
         yield f"{{type: so101_{kind}, id: {kind}, {place}, {PATIENT}}}"
     finally:
         process.send_signal(signal.SIGINT)
-        process.wait(20.0)
+        process.communicate(timeout=20.0)
 
 
 def told(folder: Path, kind: str) -> Any:
@@ -103,7 +103,10 @@ def test_ten_episodes_with_force_over_4g(tmp_path: Path) -> None:
         hand_s = time.monotonic()
         hand = lerobot(*HAND, f"--teleop.leader={led}", f"--robot.listen={address}", log=tmp_path / "hand.log")
         try:
-            ended = robot.wait(240.0)
+            until = time.monotonic() + 240.0
+            while robot.poll() is None and hand.poll() is None and time.monotonic() < until:
+                time.sleep(0.2)
+            ended = robot.poll()
         finally:
             hand.send_signal(signal.SIGINT)
             hand.wait(30.0)
@@ -128,7 +131,7 @@ def test_ten_episodes_with_force_over_4g(tmp_path: Path) -> None:
     moves = int(np.argmax(has_force))
     without = int(np.sum(~has_force[moves:]))
     assert moves < 60, "the hand moves within a second"
-    assert without <= EPISODES, "after a pause of LeRobot's, as it saves an episode, the arm is where the mass is"
+    assert without == 0
     assert np.ptp(places, axis=0).min() > 5.0, "each joint follows the hand"
 
     rate = len(states) / (EPISODES * EPISODE_S)
@@ -136,8 +139,8 @@ def test_ten_episodes_with_force_over_4g(tmp_path: Path) -> None:
     steps = max(np.max(np.abs(np.subtract(b[1], a[1]))) for a, b in pairwise(follower["goals"]))
     behind = np.sqrt(np.mean((actions - places) ** 2))
     print(
-        f"\nfirst action {first:.2f} units from the arm; {len(states)} frames in {EPISODES} episodes, {without} "
-        f"without force since the hand moves; {rate:.1f} frames a second; largest step {steps:.1f} units; arm behind its goal "
+        f"\nfirst action {first:.2f} units from the arm; {len(states)} frames in {EPISODES} episodes, all with force "
+        f"since the hand moves; {rate:.1f} frames a second; largest step {steps:.1f} units; arm behind its goal "
         f"{behind:.2f} units rms; forces up to {np.max(np.abs(forces)):.3f} Nm; {len(limits)} forces in "
         f"{len(leader['goals'])} frames at the leader, up to {max(max(one[1]) for one in limits):.2f} Nm; its motors "
         f"gave at most {1e3 * sum(leader['most_J']):.1f} mJ and took {-sum(leader['work_J']):.1f} J"

@@ -23,7 +23,7 @@ from lerobot_robot_hapnet.side import Side
 from hapnet import connect_world
 
 STALE_S = 0.25
-"""Maximum age of feedback; older feedback has no effect, and the next action is again the robot's position."""
+"""Maximum age of feedback; older feedback has no effect, and the next action is again the one before."""
 
 STEP_S = 0.01
 """The world's step: the mass is newer than an action of a loop of 60 a second."""
@@ -69,6 +69,7 @@ class HapnetTeleoperator(Teleoperator):
         self.world = Measured(tuple(config.joints), config.stiffness, config.damping)
         self.side: Side | None = None
         self._fed_s: float | None = None
+        self._told: Vector = ()
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -107,19 +108,20 @@ class HapnetTeleoperator(Teleoperator):
         """
         if self._fed_s is None:
             raise RuntimeError("the arm's position is not known: use --robot.type=hapnet_arm, see hapnet's README")
-        at = zip(self.action_features, self.world.zero, self._at(), strict=True)
-        return {name: zero + x / self.config.scale for name, zero, x in at}
+        self._told = tuple(zero + x / self.config.scale for zero, x in zip(self.world.zero, self._at(), strict=True))
+        return dict(zip(self.action_features, self._told, strict=True))
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Take the robot's position (``x.pos``), or besides it the force on it (``x.force``, in Nm), which then acts on
         the mass in the spring's place.
 
-        The first position, and the first after a pause of more than `STALE_S`, becomes the mass's.
+        The first position becomes the mass's. After a pause of more than `STALE_S` the newest action does, so that
+        the robot does not jump, and a gripper holds what it holds.
         """
         now, scale = time.monotonic(), self.config.scale
         place = tuple(float(feedback[name]) for name in self.action_features)
         if self._fed_s is None or now - self._fed_s > STALE_S:
-            self.world.zero = tuple(one - x / scale for one, x in zip(place, self._at(), strict=True))
+            self.world.zero = tuple(one - x / scale for one, x in zip(self._told or place, self._at(), strict=True))
         self._fed_s = now
         forces = [feedback.get(f"{joint}.force") for joint in self.config.joints]
         force = None if None in forces else tuple(map(float, forces))
@@ -222,8 +224,7 @@ class Measured:
 
     Attributes
     ----------
-    zero : the robot's position, in LeRobot's units, where the mass is at 0; empty: not known. force : the newest force
-    on the mass [Nm].
+    zero : the robot's position, in LeRobot's units, where the mass is at 0; empty: not known.
     """
 
     name = "lerobot"
@@ -234,7 +235,7 @@ class Measured:
     def __init__(self, joints: tuple[str, ...], stiffness: float, damping: float) -> None:
         self.dof = len(joints)
         self.zero: Vector = ()
-        self.force: Vector = (0.0,) * self.dof
+        self._mass: tuple[Vector, Vector] = (0.0,) * self.dof, (0.0,) * self.dof
         self._joints = joints
         self._stiffness, self._damping = stiffness, damping
         self._newest: tuple[float, Vector, Vector | None] | None = None
@@ -249,10 +250,13 @@ class Measured:
 
     def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
         """The force on the mass [Nm]."""
-        self.force = self._force(position, velocity)
+        self._mass = position, velocity
         return self.force
 
-    def _force(self, position: Vector, velocity: Vector) -> Vector:
+    @property
+    def force(self) -> Vector:
+        """The force on the mass with the newest feedback [Nm]."""
+        position, velocity = self._mass
         if self._newest is None or time.monotonic() - self._newest[0] > STALE_S:
             return (0.0,) * self.dof
         _, at, force = self._newest
