@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+import hapnet
 from hapnet.transport.config import free_address
 from tests.conftest import ROOT
 
@@ -198,6 +199,38 @@ def test_without_knowing_where_the_arm_is_there_is_no_action(lerobot: Any) -> No
 
 
 @pytest.mark.slow
+def test_a_haptic_device_in_metres_leads_three_joints(lerobot: Any) -> None:
+    """A simulated device whose hand moves by 30 mm: 30 units of 1 mm."""
+    import importlib
+
+    near = importlib.import_module("lerobot_teleoperator_hapnet")
+    side = importlib.import_module("lerobot_robot_hapnet.side").Side
+    address, joints = free_address(), list(JOINTS[:3])
+    teleop = near.HapnetTeleoperator(
+        near.HapnetTeleoperatorConfig(
+            connect=address, joints=joints, units="m", scale=0.001, stiffness=200.0, damping=2.0
+        )
+    )
+    params = {"scene": "free", "dof": 3, "operator": "sine", "operator_model.frequency_hz": 1.0}
+    device = side(lambda: hapnet.connect_device(params, listen=address))
+    device.open()
+    try:
+        teleop.connect()
+        at, seen = dict.fromkeys(teleop.action_features, 5.0), list[float]()
+        began = time.monotonic()
+        while time.monotonic() - began < 4.0:
+            teleop.send_feedback(at)
+            at = teleop.get_action()
+            seen.append(at["shoulder_pan.pos"])
+            time.sleep(1.0 / 60.0)
+    finally:
+        teleop.disconnect()
+        device.close()
+    assert seen[0] == pytest.approx(5.0, abs=0.1)
+    assert 20.0 < max(seen) - min(seen) < 70.0
+
+
+@pytest.mark.slow
 def test_a_pause_moves_nothing_and_a_gripper_keeps_its_grip(lerobot: Any) -> None:
     """LeRobot saves an episode for as long as it takes, while the hand goes on."""
     with Sides() as sides:
@@ -205,13 +238,15 @@ def test_a_pause_moves_nothing_and_a_gripper_keeps_its_grip(lerobot: Any) -> Non
         sides.lead(-10.0, 3.0)
         before, count = sides.arm.told[-1], len(sides.arm.told)
         assert before["gripper.pos"] < 43.0, "the gripper is told to close, beyond the object at 45"
-        for k in range(60):
-            sides.hand.send_action({f"{joint}.pos": 0.0 + 0.3 * k for joint in JOINTS})
-            time.sleep(1.0 / 60.0)
-        sides.loop(10)
-        assert sides.arm.told[count] == pytest.approx(before, abs=0.5)
-        assert sides.arm.told[-1] == pytest.approx(before, abs=1.0)
-        assert min(one["gripper.force"] for one in sides.observed[-10:]) > 0.01
+        for rate in (0.0, 0.3):
+            for k in range(60):
+                sides.hand.send_action({f"{joint}.pos": 0.0 + rate * k for joint in JOINTS})
+                time.sleep(1.0 / 60.0)
+            sides.loop(10 if rate == 0.0 else 1)
+            assert sides.arm.told[count] == pytest.approx(before, abs=0.5)
+            assert min(one["gripper.force"] for one in sides.observed[count:]) > 0.01
+            assert sides.arm.told[-1] == pytest.approx(before, abs=0.5)
+            before, count = sides.arm.told[-1], len(sides.arm.told)
     for side in (sides.hand.side, sides.teleop.side):
         assert side.summary["verdict"]["passive"] is not False
 

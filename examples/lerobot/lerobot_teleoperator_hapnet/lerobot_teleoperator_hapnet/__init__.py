@@ -23,7 +23,7 @@ from lerobot_robot_hapnet.side import Side
 from hapnet import connect_world
 
 STALE_S = 0.25
-"""Maximum age of feedback; older feedback has no effect, and the next action is again the one before."""
+"""After a longer pause of the loop a measured force has no effect, and the next action is again the one before."""
 
 STEP_S = 0.01
 """The world's step: the mass is newer than an action of a loop of 60 a second."""
@@ -39,7 +39,8 @@ class HapnetTeleoperatorConfig(TeleoperatorConfig):
 
     connect, listen : endpoints, as of `hapnet world`. params : hapnet's parameters, such as {"link.down": "4g"}.
     stiffness : of the springs between hand and mass and between mass and robot [Nm/rad]. damping : of the mass while
-    there is feedback [Nms/rad].
+    there is feedback [Nms/rad]. units : rad; or m, for a haptic device whose axes are in metres: then scale, stiffness
+    and damping are in m, N/m and Ns/m.
     """
 
     joints: list[str] = field(default_factory=lambda: list(SO101))
@@ -49,6 +50,7 @@ class HapnetTeleoperatorConfig(TeleoperatorConfig):
     params: dict[str, Any] = field(default_factory=dict)
     stiffness: float = 2.0
     damping: float = 0.02
+    units: str = "rad"
 
 
 class HapnetTeleoperator(Teleoperator):
@@ -66,7 +68,7 @@ class HapnetTeleoperator(Teleoperator):
     def __init__(self, config: HapnetTeleoperatorConfig) -> None:
         super().__init__(config)
         self.config = config
-        self.world = Measured(tuple(config.joints), config.stiffness, config.damping)
+        self.world = Measured(tuple(config.joints), config.stiffness, config.damping, config.units)
         self.side: Side | None = None
         self._fed_s: float | None = None
         self._told: Vector = ()
@@ -92,7 +94,9 @@ class HapnetTeleoperator(Teleoperator):
     def connect(self, calibrate: bool = True) -> None:
         """Wait for the other side. Raises ConnectionError: this side failed."""
         given = self.config
-        springs = {"world.stiffness": given.stiffness, "world.damping": MASS_DAMPING, "world.step_limit_N": 0.5}
+        springs: dict[str, Any] = {}
+        if given.units != "m":
+            springs = {"world.stiffness": given.stiffness, "world.damping": MASS_DAMPING, "world.step_limit_N": 0.5}
         params = {"dof": len(given.joints)} | springs | given.params
         ends = {name: value for name in ("connect", "listen") if (value := getattr(given, name))}
         self.side = Side(lambda: connect_world(params, scene=lambda **_: self.world, **ends))
@@ -228,12 +232,12 @@ class Measured:
     """
 
     name = "lerobot"
-    units = "rad"
     robot = True
     min_s = max_s = STEP_S
 
-    def __init__(self, joints: tuple[str, ...], stiffness: float, damping: float) -> None:
+    def __init__(self, joints: tuple[str, ...], stiffness: float, damping: float, units: str = "rad") -> None:
         self.dof = len(joints)
+        self.units = units
         self.zero: Vector = ()
         self._mass: tuple[Vector, Vector] = (0.0,) * self.dof, (0.0,) * self.dof
         self._joints = joints
@@ -257,12 +261,12 @@ class Measured:
     def force(self) -> Vector:
         """The force on the mass with the newest feedback [Nm]."""
         position, velocity = self._mass
-        if self._newest is None or time.monotonic() - self._newest[0] > STALE_S:
+        if self._newest is None:
             return (0.0,) * self.dof
-        _, at, force = self._newest
-        if force is not None:
+        fed_s, at, force = self._newest
+        if force is not None and time.monotonic() - fed_s <= STALE_S:
             return force
-        return tuple(
+        return tuple(  # while LeRobot's loop pauses, the robot keeps its place, and so the grip is kept
             self._stiffness * (there - x) - self._damping * v
             for there, x, v in zip(at, position, velocity, strict=True)
         )
