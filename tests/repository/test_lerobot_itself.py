@@ -145,7 +145,7 @@ def test_ten_episodes_with_force_over_4g(tmp_path: Path) -> None:
         f"{len(leader['goals'])} frames at the leader, up to {max(max(one[1]) for one in limits):.2f} Nm; its motors "
         f"gave at most {1e3 * sum(leader['most_J']):.1f} mJ and took {-sum(leader['work_J']):.1f} J"
     )
-    assert rate >= 57.0
+    assert rate / 60.0 >= 0.95, "LeRobot's loop keeps its rate"
     assert len(limits) > 0.9 * len(leader["goals"])
     assert sum(leader["most_J"]) < 0.25, "the theorem's bound: both ceilings, 0.2 J and 0.05 J"
 

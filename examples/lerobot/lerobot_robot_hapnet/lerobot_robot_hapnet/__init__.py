@@ -97,11 +97,13 @@ class HapnetRobot(Robot):
         side.open()
         logging.info("hapnet: waiting for the robot's side (%s)", given.listen or given.connect or "the local network")
         side.wait_for_peer()
-        until = time.monotonic() + _LEROBOT_S
-        while self.hand.zero is None and (self.hand.joints or time.monotonic() < until):
-            if self.hand.joints and self.hand.joints != (ours := ",".join(given.joints)):
+        until, ours = time.monotonic() + _LEROBOT_S, ",".join(given.joints)
+        while self.hand.joints != ours or self.hand.zero is None:
+            if self.hand.joints not in ("", ours):
                 side.close()
                 raise ConnectionError(f"hapnet: robot.joints is {ours}; allowed: {self.hand.joints}, as the other side")
+            if not self.hand.joints and time.monotonic() > until:
+                return
             side.require_open()
             time.sleep(0.01)
 
