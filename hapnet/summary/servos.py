@@ -55,6 +55,10 @@ def parts(summary: Summary) -> Iterator[tuple[Role, SidePart]]:
             yield side, part
 
 
+_MOST_J = 1e9
+"""Only a false claim of a peer has more energy; tenths of a millijoule of it are no number of use."""
+
+
 def milli(energy_J: float | None) -> str:
     """An energy in mJ with four digits; pure rounding shows as 0."""
     if energy_J is None or abs(energy_J) < DEFICIT_J:
@@ -65,7 +69,7 @@ def milli(energy_J: float | None) -> str:
 
 def milli_up(energy_J: float, of_J: float) -> str:
     """An energy in mJ, rounded upwards: to 0.1 mJ, or to less where the whole, `of_J`, is below 10 mJ."""
-    if not (DEFICIT_J <= energy_J < math.inf and of_J > 0.0):
+    if not (DEFICIT_J <= energy_J < _MOST_J and 0.0 < of_J < _MOST_J):
         return milli(energy_J)
     digits = max(1, 2 - math.floor(math.log10(of_J * 1e3)))
     value = energy_J * 1e3

@@ -99,6 +99,13 @@ def test_of_150_mJ(energy_J: float, shown: str) -> None:
     assert milli_up(energy_J, 0.15) == shown
 
 
+@pytest.mark.parametrize("claimed_J", [1.8e304, 1.8e305, 1.7e308])
+def test_a_claim_of_any_size_is_shown(claimed_J: float) -> None:
+    """A peer may claim any bound; the verdict on this side's own account must not fail of it."""
+    assert float(milli_up(claimed_J, claimed_J)) > 1e300
+    assert milli_up(0.0, claimed_J) == "0"
+
+
 @given(st.floats(1e-9, 0.1))
 def test_what_is_above_is_shown_above(beyond_J: float) -> None:
     assert float(milli_above(0.15 + beyond_J, 0.15)) > 150.0
