@@ -18,7 +18,7 @@ from hapnet.assembly.links import link_profile, link_timeline
 from hapnet.assembly.operators import missing_of_the_hand, operator
 from hapnet.assembly.own_parts import named_failures, named_section, require_parts
 from hapnet.assembly.resolve import held_warnings, misfits, resolve
-from hapnet.assembly.simulated_device import description, device_warnings, simulated_device
+from hapnet.assembly.simulated_device import device_warnings, simulated_device
 from hapnet.checks import Vector
 from hapnet.control.continuous_servo import ContinuousServo
 from hapnet.control.coupling import DeviceCoupling, DeviceLaw, Ends, LawServo, LawSteps, WorldCoupling, WorldLaw
@@ -87,11 +87,6 @@ class Setup:
     def units(self) -> str:
         """The units of the axes, as in `hapnet.units`."""
         return one_text(self.scene.units, self.dof)
-
-    @property
-    def description(self) -> dict[str, Any]:
-        """The description of the device for a recording."""
-        return description(self.params)
 
     @property
     def follower(self) -> Follower:

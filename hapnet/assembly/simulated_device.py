@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hapnet.loading import extension
 from hapnet.params import Params, arm_file, is_arm
@@ -11,6 +11,9 @@ from hapnet.plant.operator import Operator
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import fingerprint
 from hapnet.units import METRES, POSE
+
+if TYPE_CHECKING:
+    from hapnet.assembly.build import Setup
 
 
 def unit_of(hardware: str) -> str:
@@ -22,6 +25,23 @@ def description(params: Params) -> dict[str, Any]:
     """The description of the device for a recording: the content of its file, and an arm's frames for pictures."""
     found = {"hardware_sha256": fingerprint(arm_file(params.hardware))}
     return {**found, **extension("arms").description(params)} if is_arm(params.hardware) else found
+
+
+def described(setup: Setup, seed: int) -> dict[str, Any]:
+    """The description of a run for a recording's ``meta``, without what differs between the clocks."""
+    params, scene = setup.params, setup.scene
+    return {
+        "params": params.as_dict(),
+        "sources": dict(params.sources),
+        "operator_sha256": fingerprint(params.operator),
+        **description(params),
+        "seed": seed,
+        "scene": scene.name,
+        "surfaces": [surface._asdict() for surface in scene.surfaces],
+        "coupling": params.coupling,
+        "tuning": setup.tuned,
+        "felt": setup.felt,
+    }
 
 
 def simulated_device(params: Params, scene: World, hand: Operator) -> SimulatedDevice:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hapnet.assembly import simulated_device
 from hapnet.assembly.build import Setup
 from hapnet.errors import RecordingError
 from hapnet.recording.drawing import Drawing
-from hapnet.recording.hand import fingerprint
 from hapnet.recording.mcap import RecordingWriter, preload
 from hapnet.recording.samples import Sample
 from hapnet.wire.messages import Role
@@ -160,21 +160,8 @@ def measured_utc_less_clock_ns(clock: Callable[[], int], utc: Callable[[], int])
 
 def described(setup: Setup, role: Role, seed: int, link: LinkProfile) -> dict[str, Any]:
     """The description of a side's recording, for its ``meta``."""
-    return {
-        "params": setup.params.as_dict(),
-        "sources": dict(setup.params.sources),
-        "operator_sha256": fingerprint(setup.params.operator),
-        **setup.description,
-        "seed": seed,
-        "role": role,
-        "clock": _boot_id(),
-        "scene": setup.scene.name,
-        "coupling": setup.params.coupling,
-        "tuning": setup.tuned,
-        "felt": setup.felt,
-        "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
-        "links": {"up" if role == "device" else "down": str(link)},
-    }
+    links = {"up" if role == "device" else "down": str(link)}
+    return {**simulated_device.described(setup, seed), "role": role, "clock": _boot_id(), "links": links}
 
 
 def _boot_id() -> str:

@@ -91,25 +91,31 @@ def run_events(run: Run, end_ns: int) -> int:
         why = hindrance(run, kind)
         if why != DONE:
             return why
-        now_ns = clock.now_ns = max(clock.now_ns, due[kind])
-        if kind == TICK:
-            _tick(run, now_ns)
-        elif kind == STEP:
-            _step(run, now_ns)
-        elif kind == UP:
-            _to_world(run, now_ns)
-        elif kind == DOWN:
-            _to_device(run, now_ns)
-        elif kind == DEVICE_TIMER:
-            poll(run.device_port, now_ns)
-            heard_by_device(run)
-            _to_world(run, now_ns)
-        else:
-            poll(run.world_port, now_ns)
-            heard_by_world(run)
-            _to_device(run, now_ns)
+        clock.now_ns = max(clock.now_ns, due[kind])
+        happen(run, kind, clock.now_ns)
         kind = earliest(due)
     return hindrance(run, NO_EVENT)
+
+
+@equation
+def happen(run: Run, kind: int, now_ns: int) -> None:
+    """Run the event of this kind."""
+    if kind == TICK:
+        _tick(run, now_ns)
+    elif kind == STEP:
+        _step(run, now_ns)
+    elif kind == UP:
+        _to_world(run, now_ns)
+    elif kind == DOWN:
+        _to_device(run, now_ns)
+    elif kind == DEVICE_TIMER:
+        poll(run.device_port, now_ns)
+        heard_by_device(run)
+        _to_world(run, now_ns)
+    else:
+        poll(run.world_port, now_ns)
+        heard_by_world(run)
+        _to_device(run, now_ns)
 
 
 @equation

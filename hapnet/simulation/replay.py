@@ -78,6 +78,9 @@ def _original(files: Sequence[Path]) -> Original:
     recording = parts[0] if len(parts) == 1 else join(*parts)
     if recording.device is None:
         raise InvalidParameter("FILE", str(files[0]), "a recording with the device's side: the world's has no hand")
+    if isinstance(recording.meta.get("graph"), Mapping):
+        allowed = "a recording of a world with one hand: `hapnet simulate --graph` repeats this run with the same seed"
+        raise InvalidParameter("FILE", str(files[0]), allowed)
     at = next(i for i, part in enumerate(parts) if part.device is not None)
     device = parts[at]
     world = parts[1 - at] if len(parts) == 2 else device

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,13 +18,13 @@ from hapnet.assembly.build import Setup, device_session, device_side, prepare, w
 from hapnet.assembly.memory import bytes_a_second, require_room
 from hapnet.assembly.operators import LIVE
 from hapnet.assembly.own_parts import named_failures
+from hapnet.assembly.simulated_device import described
 from hapnet.control.two_port import TwoPort
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.installing import versions
 from hapnet.loading import extension, has_extension
 from hapnet.params import Params, as_params, is_arm, is_real_robot, is_simulated
 from hapnet.processes.system import collector_paused
-from hapnet.recording.hand import fingerprint
 from hapnet.recording.samples import MemoryRecorder
 from hapnet.records.machine_code import NotCompiledError, WholeRun, no_compiler
 from hapnet.records.record import NEVER
@@ -33,17 +33,7 @@ from hapnet.side.endpoint import NANO, DeviceEndpoint, WorldEndpoint
 from hapnet.side.link_port import LinkPort, Packet
 from hapnet.side.world import WorldSide
 from hapnet.simulation import events
-from hapnet.simulation.events import (
-    DEVICE_TIMER,
-    DONE,
-    DOWN,
-    STEP,
-    STOPPED,
-    TICK,
-    UP,
-    WORLD_TIMER,
-    Clock,
-)
+from hapnet.simulation.events import DEVICE_TIMER, DONE, DOWN, STEP, STOPPED, TICK, UP, WORLD_TIMER, Clock
 from hapnet.simulation.result import Result as Result
 from hapnet.summary import path
 from hapnet.summary.from_samples import START_S, motion
@@ -143,26 +133,17 @@ class Simulation:
         setup = self.setup
         duration_s = setup.params.duration_s
         require_room("duration_s", duration_s, duration_s, bytes_a_second(setup.params, setup.dof), "recorded seconds")
-        self._meta = {
-            "params": setup.params.as_dict(),
-            "sources": dict(setup.params.sources),
-            "operator_sha256": fingerprint(setup.params.operator),
-            **setup.description,
-            "seed": self.seed,
+        self.about: dict[str, Any] = {
+            **described(setup, self.seed),
             "role": "both",
             "clock": "virtual",
             "origin_ns": 0,
             "utc_origin_ns": 0,
             "utc_clock": "virtual",  # its time 0 counts as the beginning of 1970
-            "surfaces": [surface._asdict() for surface in setup.scene.surfaces],
-            "scene": setup.scene.name,
-            "coupling": setup.params.coupling,
-            "tuning": setup.tuned,
-            "felt": setup.felt,
             "links": {"up": str(setup.up), "down": str(setup.down)},
             "versions": versions(),
         }
-        self._recorder = MemoryRecorder(self._meta)
+        self._recorder = MemoryRecorder(self.about)
         return self._recorder.write
 
     @collector_paused()
@@ -182,8 +163,7 @@ class Simulation:
             return self._run_whole(progress)
 
     def _run_whole(self, progress: Callable[[float], None] | None) -> Result:
-        start_ns = self._meta["origin_ns"] = self._meta["utc_origin_ns"] = self.pair()
-        self._meta["device_origin_ns"] = self.device.origin_ns
+        start_ns = self.pair()
         end_ns = start_ns + round(self.setup.params.duration_s / NANO)
         with extension("compiled").beside(self.setup) if self._awaits_code else nullcontext() as compiling:
             kernel = self._on_kernel(end_ns) if self.not_compiled is None else None
@@ -199,6 +179,10 @@ class Simulation:
                     progress((self.now_ns - start_ns) * NANO)
         if kernel is not None:
             kernel.write_back()
+        return self.result(end_ns)
+
+    def result(self, end_ns: int) -> Result:
+        """The result of a run that has come to its end, after its links have delivered what is in flight."""
         summary = self.close(end_ns)
         self.device.write_waiting()
         recording = self._recorder.recording(summary)
@@ -225,18 +209,29 @@ class Simulation:
         """Run until both sides have started. Returns the start time [ns]. Raises HapnetError as `run` does."""
         if self.setup.params.duration_s <= 0.0:
             raise HapnetError("a simulation needs a duration above 0 s")
-        self._run(PAIRING_LIMIT_NS, lambda: self.device_endpoint.started and self.world_endpoint.started)
-        if not (self.device_endpoint.started and self.world_endpoint.started):
+        self._run(PAIRING_LIMIT_NS, lambda: self.started)
+        return self.begin(self.now_ns)
+
+    @property
+    def started(self) -> bool:
+        """Whether control of both sides has started."""
+        return self.device_endpoint.started and self.world_endpoint.started
+
+    def begin(self, now_ns: int) -> int:
+        """Begin the run's time, and its timelines, now; returns that time. Raises HapnetError: it is not `started`."""
+        if not self.started:
             raise HapnetError(f"the two sides did not find each other within {PAIRING_LIMIT_NS * NANO:.0f} s: "
                               f"uplink {self.up.profile}, downlink {self.down.profile}")  # fmt: skip
         clock = self.clock
         ports = ((UP, self.device_port, self.setup.up_timeline), (DOWN, self.world_port, self.setup.down_timeline))
         for kind, port, timeline in ports:
             if timeline is not None:
-                port.play(timeline, self.now_ns)
+                port.play(timeline, now_ns)
                 clock.due[kind] = events.release_due_ns(port)
-        clock.later_ns = (self.now_ns + round(START_S / NANO)) // clock.period_ns * clock.period_ns
-        return self.now_ns
+        clock.later_ns = (now_ns + round(START_S / NANO)) // clock.period_ns * clock.period_ns
+        self.about["origin_ns"] = self.about["utc_origin_ns"] = now_ns
+        self.about["device_origin_ns"] = self.device.origin_ns
+        return now_ns
 
     def resume(self) -> None:
         """Continue after compiled code has computed everything until now and written the state back."""
@@ -249,7 +244,8 @@ class Simulation:
         """After the end: let the links deliver what is in flight, and return the summary without its motion."""
         clock = self.clock
         clock.due[STEP] = clock.due[TICK] = clock.tick_ns = NEVER
-        self._run(end_ns + LINGER_NS, lambda: self._settled)
+        sessions = (self.device_endpoint.session, self.world_endpoint.session)
+        self._run(end_ns + LINGER_NS, lambda: all(session.settled for session in sessions))
         return self._summary(end_ns)
 
     def _summary(self, end_ns: int) -> Summary:
@@ -271,10 +267,6 @@ class Simulation:
             felt=self.setup.felt,
             path=path.of_both(path.of_side("device", device), path.of_side("world", world)),
         )
-
-    @property
-    def _settled(self) -> bool:
-        return self.device_endpoint.session.settled and self.world_endpoint.session.settled
 
     def _until(self, end_ns: int) -> None:
         """Run to `end_ns`."""

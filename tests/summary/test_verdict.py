@@ -13,7 +13,6 @@ from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.couplings.registry import COUPLINGS
 from hapnet.params import Params
-from hapnet.simulation import events
 from hapnet.simulation.simulation import Simulation, simulate
 from hapnet.summary.run import combine, device_summary, judged, with_wire, world_summary
 from hapnet.summary.verdict import broken, judge, overloaded
@@ -292,11 +291,11 @@ def test_one_forged_energy_frame_is_no_passive_run() -> None:
     params = Params().set({"duration_s": 1.5, "wire.admission_burst_J": 20.0})
     simulation = Simulation(params, 1)
     simulation.pair()
-    events.run_to(simulation, 500 * MS)
+    simulation._until(500 * MS)
     world, device = (end.session for end in (simulation.world_endpoint, simulation.device_endpoint))
     forged = Energy(world.identity.incarnation, device.identity.incarnation, 10_466_000_000, 0)
     simulation.device_endpoint.receive(simulation.now_ns, encode(forged))
-    events.run_to(simulation, 1_500 * MS)
+    simulation._until(1_500 * MS)
     summary = simulation.close(1_500 * MS)
     assert summary["device"]["credited_nJ"] == 10_466_000_000
     assert summary["energy"]["down"]["abandoned_nJ"] < -10_000_000_000
