@@ -107,7 +107,7 @@ class WorldSide:
                     mass.place(self.scene.towards(vector_of(sample)))
             self._world = self._make_coupling(mass.position, mass.kinetic_J, endpoint.restarted)
             endpoint.start(self._world)
-            self.environment = EnvironmentAccount(self.scene.contacts, mass.position)
+            self.environment = self.scene.environment_account(self.scene.contacts, mass.position)
             self.origin_ns = self.stepped.began_ns = now_ns
             if (servo := self._servo) is not None:
                 servo.released = self._released

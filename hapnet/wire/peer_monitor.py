@@ -106,10 +106,14 @@ class PeerMonitor(Record):
 
     def watch(self, now_ns: int) -> PeerSilent | None:
         """Return the present silence, if it was not reported yet."""
-        if self.reported or now_ns - self.last_ns <= self.silence_ns:
+        if self.reported or not self.is_silent(now_ns):
             return None
         self.reported = 1
         return PeerSilent(self.last_ns)
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether no new position came for `silence_ns`."""
+        return now_ns - self.last_ns > self.silence_ns
 
     def living(self, now_ns: int) -> bool:
         """Whether a new position came, or the pair began, within `living_ns`."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from hapnet.checks import Signal, Vector
 from hapnet.mechanics.contacts import Mass, Surroundings
+from hapnet.plant.worlds.account import EnvironmentAccount
 from hapnet.plant.worlds.picture import Picture
 from hapnet.units import METRES
 
@@ -85,6 +86,16 @@ class WorldDefaults(Protocol):
     def steps_between(self, min_s: float, max_s: float) -> bool:
         """Draw the steps' length from this range [s]; False: it has its own."""
         return False
+
+    def for_hand_at(self, at: Vector) -> World | None:
+        """The same world for one of several hands, whose device's origin is at `at` (n,) [m]; None: it has room for one
+        hand only.
+        """
+        return None
+
+    def environment_account(self, contacts: Surroundings, position: Vector) -> EnvironmentAccount:
+        """The account of its `contacts` from now on, with the proxy at `position` (n,) [m]."""
+        return EnvironmentAccount(contacts, position)
 
     def signal(self, name: str, value: Signal) -> None:
         """Receive a value that the device's side sends beside the stream."""

@@ -13,6 +13,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.params import WorldParams
 from hapnet.plant.worlds.protocol import Surface, WorldDefaults
 from hapnet.plant.worlds.walls import Contacts, Wall, check_number
+from hapnet.records.vectors import inner
 from hapnet.units import METRES, units_of
 
 _WORLD = WorldParams()
@@ -73,6 +74,11 @@ class Scene(WorldDefaults):
                 share = min(share, before / (before - after) * (1.0 - 1e-9))
         place = tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
         return place if all(wall.penetration(place) <= 0.0 for wall in self.walls) else self.start
+
+    def for_hand_at(self, at: Vector) -> Scene:
+        """These walls for a hand whose device's origin is at `at` (n,) [m]: nothing moves, so each hand has its own."""
+        walls = [Wall(w.normal, w.offset - inner(w.normal, at), w.stiffness, w.damping) for w in self.walls]
+        return Scene(self.name, self.dof, tuple(walls), self.min_s, self.max_s, self.start, self.units)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
