@@ -13,7 +13,7 @@ from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
 from hapnet.loading import extension
 from hapnet.processes.system import ThreadTime
-from hapnet.realtime.servo import Servo, Stepper
+from hapnet.realtime.servo import MakeStepLoop, Servo, StepLoop, Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
@@ -172,19 +172,29 @@ class ThreadedDevice:
 
 
 class ThreadedWorld:
-    """The virtual world with its loop in a thread."""
+    """The virtual world with its loop in a thread.
+
+    steps : makes the loop; several hands of one world share theirs.
+    """
 
     unrecorded = 0
 
     def __init__(
-        self, setup: Setup, session: Session, callbacks: ControlCallbacks, clock: Clock, *, rng: np.random.Generator
+        self,
+        setup: Setup,
+        session: Session,
+        callbacks: ControlCallbacks,
+        clock: Clock,
+        *,
+        rng: np.random.Generator,
+        steps: MakeStepLoop = Stepper,
     ) -> None:
         endpoint = WorldEndpoint(session)
         self.wire: WireHalf = endpoint
         self.side: WorldSide = world_side(replace(setup, ends=compiled_ends()), endpoint, rng, callbacks.write)
         self._coupling = setup.params.coupling
         self._send, self._wake = callbacks.send, callbacks.wake
-        self._stepper = Stepper(self._step, callbacks.fail, clock)
+        self._stepper: StepLoop = steps(self._step, callbacks.fail, clock)
 
     @property
     def origin_ns(self) -> int | None:

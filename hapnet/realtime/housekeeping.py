@@ -165,7 +165,9 @@ class Housekeeping:
         other = "device" if self._role == "world" else "world"
         match self._transport.through_router:
             case "peer":
-                return "that node is a router, through which only clients meet: start both sides with -m client"
+                meet = "that node is a router, through which only clients meet: start both sides with -m client"
+                seat = "; if it is a world with --seats or --graph, it has no seat of this --session and --name"
+                return meet + (seat if other == "world" else "")
             case "client":
                 names = f"a {other} with -m client and the same --session and --name"
                 return f"{names} is not connected to that router, or its access control does not let this side in"

@@ -23,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.records.histogram import Histogram
@@ -350,6 +351,20 @@ def fine_timer() -> Iterator[None]:
 
 _MAX_SLEEP_S = 0.1
 """`stop` takes effect within this time [s], however long a step is."""
+
+
+class StepLoop(Protocol):
+    """The steps of a world in real time."""
+
+    def start(self) -> None:
+        """Begin to step."""
+
+    def stop(self) -> None:
+        """Make no more steps; returns when the last one has ended."""
+
+
+MakeStepLoop = Callable[[Callable[[int], int], Callable[[BaseException], None], Callable[[], int]], StepLoop]
+"""Makes the steps of a world from the arguments of `Stepper`."""
 
 
 class Stepper:

@@ -41,6 +41,7 @@ from hapnet.processes.start import (
 )
 from hapnet.realtime import servo_pipe
 from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
+from hapnet.realtime.servo import MakeStepLoop, Stepper
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event, PostureSample
 from hapnet.side.endpoint import WireHalf
@@ -292,13 +293,16 @@ def control_of(
     steps: np.random.SeedSequence,
     *,
     realtime: bool,
+    make_steps: MakeStepLoop = Stepper,
 ) -> Control:
-    """The side's control, not started yet. `steps` seeds the random lengths of a world's steps."""
+    """The side's control, not started yet. `steps` seeds the random lengths of a world's steps; `make_steps` makes its
+    loop.
+    """
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
         if is_real_robot(setup.params):
             return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
-        return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps))
+        return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps), steps=make_steps)
     session = device_session(setup, incarnation, secret=secret)
     if realtime and servo_pipe.available():
         for part in extension("compiled names").missing(setup.params):

@@ -69,6 +69,7 @@ class ZenohSettings:
     multicast_scouting : find peers on this machine by multicast; `cfg` may give it another interface.
     cfg : ``KEY:JSON5`` overrides, applied last.
     security : which nodes may connect.
+    router : the settings of the router in this process through which this client reaches others. None: there is none.
     """
 
     mode: Mode | None = None
@@ -78,6 +79,7 @@ class ZenohSettings:
     multicast_scouting: bool = False
     cfg: tuple[str, ...] = ()
     security: Security = ANYBODY
+    router: ZenohSettings | None = None
 
 
 def zenoh_config(settings: ZenohSettings) -> zenoh.Config:
@@ -175,10 +177,12 @@ def proof_of(settings: ZenohSettings) -> Proof | None:
     """Return the proof, besides a word, of the identity of the nodes on this side's links; None: there is none.
 
     Certificates are a proof if each link requires them of both ends, or a password of one end; so is a socket that only
-    this machine's user can open. This side cannot check what the other side's links require.
+    this machine's user can open. This side cannot check what the other side's links require. For a client of a router
+    in this process, the router's links count.
 
     Raises InvalidParameter, TransportError: as `zenoh_config`.
     """
+    settings = settings.router or settings
     config, security = zenoh_config(settings), settings.security
     protocols = {each.partition("/")[0] for side in ENDS for each in endpoints_of(config, side)}
     if scouts(config):

@@ -12,7 +12,8 @@ import pytest
 from examples.secure.make_certificates import issue, save
 from hapnet import cli
 from hapnet.errors import InvalidParameter
-from hapnet.transport.config import ZenohSettings, free_address, proof_of, zenoh_config, zenoh_warnings
+from hapnet.transport.config import ZenohSettings, free_address, local_address, proof_of, zenoh_config, zenoh_warnings
+from hapnet.transport.router import routed
 from hapnet.transport.security import Security, is_exposed
 from tests.support.processes import started
 from tests.support.secured import TLS, USRPWD, shows, users as users
@@ -305,3 +306,10 @@ def test_what_proves_who_is_on_the_links(certificates: Path, users: Path) -> Non
     for open_to_all in (("tcp/127.0.0.1:1",), ("unixsock-stream//tmp/link", "udp/127.0.0.1:1")):
         assert proof_of(ZenohSettings(listen=open_to_all)) is None
     assert proof_of(ZenohSettings(multicast_scouting=True)) is None
+
+
+def test_a_router_proves_to_its_clients_no_more_than_its_own_links_do(tmp_path: Path) -> None:
+    with routed(ZenohSettings(listen=(free_address(),))) as own:
+        assert proof_of(own) is None
+    with routed(ZenohSettings(listen=(local_address(str(tmp_path)),))) as own:
+        assert proof_of(own) == "socket"
