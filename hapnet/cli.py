@@ -52,6 +52,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     ),
     "sweep": ("hapnet.ext.study.commands.sweep:app", "Run thousands of cases over parameters, links and seeds."),
     "tune": ("hapnet.ext.study.commands.tune:tune", "Search for the best parameters within constraints."),
+    "graph": (
+        "hapnet.ext.many.commands.graph:app",
+        "Check a graph: several hands in one world, each with a link.",
+    ),
     "reproduce": ("hapnet.ext.pictures.commands:reproduce", "Simulate the paper's Figures 4, 5 and 6."),
     "bridge": ("hapnet.ext.page.commands.bridge:bridge", "Publish a running pair on ROS 2's topics, without ROS."),
     "emulate": ("hapnet.ext.devices.commands:emulate", "Emulate a device: its protocol, and a hand on the handle."),

@@ -183,10 +183,14 @@ _MODULES = {
     "soft": "hapnet.ext.soft.soft",
     "tools' worlds": "hapnet.ext.tools.scene",
     "solids": "hapnet.ext.solids.rigid",
+    "shared": "hapnet.ext.many.shared",
+    "graphs": "hapnet.ext.many.commands.graph",
+    "seats": "hapnet.ext.many.commands.live",
+    "local graphs": "hapnet.ext.many.commands.local",
     "own worlds": "hapnet.ext.engines.own_worlds",
 }
 
-WORLDS = ("mujoco", "soft", "tools' worlds", "solids")
+WORLDS = ("mujoco", "soft", "shared", "tools' worlds", "solids")
 """The kinds of worlds that a text describes, in the order in which `hapnet.plant.worlds.registry` tries them."""
 
 

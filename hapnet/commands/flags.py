@@ -168,6 +168,13 @@ Recorded = Annotated[
     typer.Argument(metavar="FILE", help="One recording, or the device's and the world's; or a run's directory."),
 ]
 SideOut = Annotated[Path | None, out_in("runs/<UTC time>-<device or world>")]
+Graph = Annotated[
+    Path | None,
+    _more("--graph", metavar="FILE.toml", help="Several hands and worlds: a graph (see `hapnet graph`)."),
+]
+Node = Annotated[
+    str | None, _more("--node", metavar="NAME", help="With --graph: the node that runs here; if it has several.")
+]
 Files = Annotated[bool, typer.Option("--files/--no-files", help="Write output files, or none.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show all figures, notices and files.")]
 Realtime = Annotated[

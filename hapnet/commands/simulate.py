@@ -26,10 +26,25 @@ def simulate(
     files: flags.Files = True,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Many seeds, A to B - 1: a table, no files.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Processes for many seeds; 0: one per core.")] = 0,
+    graph: flags.Graph = None,
 ) -> int:
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
+        if graph is not None:
+            raise InvalidParameter("--show-params", "with --graph", "", why="each pair has its own; leave --graph out")
         return params.show(chosen)
+    if graph is not None:
+        if seeds is not None:
+            raise InvalidParameter("--seeds", seeds, "", why="--graph simulates one seed; use --seed")
+        no_out_without_files(out, files)
+
+        def over(pair: Params) -> Params:
+            return params.over(pair, model.named("device", "world"), links)
+
+        code: int = extension("graphs").simulate(
+            graph, over, seed=seed, json_to=json_to, out=out, files=files, verbose=verbose
+        )
+        return code
     if seeds is not None:
         if out is not None:
             raise InvalidParameter(

@@ -1,0 +1,89 @@
+"""The hands of one world: the setup of each one's pair, and the steps that all make together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from hapnet.assembly.build import Setup, prepare
+from hapnet.errors import InvalidParameter
+from hapnet.ext.many.graph import Edge, Graph, about
+from hapnet.ext.many.shared import Seat
+from hapnet.param_sources import RULE
+from hapnet.params import Params
+from hapnet.plant.worlds.protocol import World
+from hapnet.side.endpoint import NANO
+from hapnet.side.world import WorldSide
+from hapnet.wire.session import Session
+
+Change = Callable[[Params], Params]
+"""Changes the parameters of every pair, after those of the graph."""
+
+ADMISSION: Mapping[str, object] = {"wire.admission_W": 1.0, "wire.admission_burst_J": 0.1}
+"""The admission of a world with several hands, unless it is set. A device that lies about its energy moves what all
+hold: a block of 0.2 kg at up to 1.6 m/s with the admission for one hand, at 0.75 m/s with this."""
+
+
+def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Setup]:
+    """The setups of the edges of one world. Raises InvalidParameter: the world has no room for its hands."""
+    made: list[Setup] = []
+    for edge in edges:
+        with about(f"edges.{edge.name}"):
+            params = change(graph.pair(edge))
+            if len(edges) > 1:
+                params = params.set({name: value for name, value in ADMISSION.items() if not params.asked(name)}, RULE)
+            setup = prepare(params, "sampled")
+        if len(edges) > 1 or edge.at:
+            world = made[0].scene if made else setup.scene
+            setup = replace(setup, scene=_scene_of(edge, world, len(edges)))
+        made.append(setup)
+    return made
+
+
+def _scene_of(edge: Edge, world: World, hands: int) -> World:
+    """The world for one of its hands. Raises InvalidParameter: the world has no room for it there."""
+    if edge.at and len(edge.at) != world.dof:
+        raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), f"{world.dof} lengths, one for each axis")
+    try:
+        scene = world.for_hand_at(edge.at or (0.0,) * world.dof)
+        if scene is not None:
+            scene.contacts.require_outside(scene.start)
+    except InvalidParameter as error:
+        raise error.renamed(f"edges.{edge.name}.at: {error.name}") from error
+    if scene is None:
+        allowed = "one edge without `at`: walls and shared:block have room for several hands, if no robot follows"
+        raise InvalidParameter(f"nodes.{edge.world}: scene {world.name}", f"{hands} edges", allowed)
+    return scene
+
+
+class JointSteps:
+    """Solves the contacts of all hands before the hands' sides make their steps, and counts the step afterwards.
+
+    sides : of one world, each with its session. Among walls, without shared blocks, each hand is alone, and nothing is
+    left to do.
+
+    A hand whose device has left, or has been silent for `world.silence_after_s`, touches nothing until it is back.
+    """
+
+    def __init__(self, sides: Sequence[tuple[WorldSide, Session]]) -> None:
+        self._seats = [(side, session, side.scene) for side, session in sides if isinstance(side.scene, Seat)]
+        shared = self._seats[0][2].shared if self._seats else None
+        self._shared = None if shared is None or len(shared.seats) == 1 else shared
+
+    def begin(self, now_ns: int) -> None:
+        """Solve the step that ends at `now_ns` for all hands whose control has started."""
+        if self._shared is None:
+            return
+        dt, moving = 0.0, {}
+        for side, session, seat in self._seats:
+            if side.origin_ns is not None and not side.paused:
+                dt = (now_ns - side.stepped.began_ns) * NANO
+                seat.is_here = session.peer is not None and not session.monitor.is_silent(now_ns)
+                moving[seat] = side.coupling.set_position
+        if moving:
+            self._shared.begin_step(dt, moving)
+
+    def end(self) -> None:
+        """Count the step in the world's account, after all sides have made it."""
+        if self._shared is not None:
+            self._shared.end_step()

@@ -1,0 +1,127 @@
+"""The summary of a graph: each edge's own summary, each node's account, and the whole; and its lines for people.
+
+verdict : passive (true, false; null: not known), reason.
+edges.NAME : the summary of the pair, as `hapnet simulate --json -` prints it.
+nodes.NAME : kind; edges; sent_nJ, what its sessions sent in all; ledger_sent_J, what its ledgers count as sent. A
+    node that sends more than its ledgers count breaks its claim: no single pair would see it, as each receiver is
+    credited what was sent to it. Of a world with several hands also environment: one account for all of them.
+total : bound_J, energy_out_J and margin_J, summed over the edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any
+
+from hapnet.ext.many.shared import Seat
+from hapnet.side.endpoint import NANO
+from hapnet.simulation.result import Result
+from hapnet.summary.run import Summary
+from hapnet.summary.verdict import ROUNDING_J
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from hapnet.ext.many.run import GraphSimulation
+
+
+def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str, Any]:
+    """The summary of a graph after its run."""
+    nodes = {name: _node(run, name) for name in run.graph.nodes}
+    edges = {name: result.summary for name, result in pairs.items()}
+    theorems: list[Mapping[str, Any]] = [summary["theorem"] for summary in edges.values()]
+    total = {}
+    for key in ("bound_J", "energy_out_J", "margin_J"):
+        values = [theorem[key] for theorem in theorems]
+        total[key] = None if None in values else sum(values)
+    return {
+        "verdict": graph_verdict(edges, nodes),
+        "nodes": nodes,
+        "edges": edges,
+        "total": total,
+        "seed": run.seed,
+        "duration_s": run.duration_s,
+    }
+
+
+def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
+    kind, edges = run.graph.nodes[name].kind, run.graph.edges_of(name)
+    pairs = [run.pairs[edge.name] for edge in edges]
+    ends = [pair.device_endpoint if kind == "device" else pair.world_endpoint for pair in pairs]
+    node = {
+        "kind": kind,
+        "edges": [edge.name for edge in edges],
+        "sent_nJ": sum(end.session.sent_nJ for end in ends),
+        "ledger_sent_J": sum(end.coupling.ledger.sent for end in ends),
+    }
+    seat = pairs[0].world.scene
+    if kind == "world" and isinstance(seat, Seat) and len(pairs) > 1:
+        node["environment"] = seat.shared.as_dict()
+    return node
+
+
+def graph_verdict(
+    edges: Mapping[str, Mapping[str, Any]], nodes: Mapping[str, Mapping[str, Any]], missing: Collection[str] = ()
+) -> dict[str, Any]:
+    """The verdict on the graph: the worst of its edges and nodes. missing : edges without a summary of both sides."""
+    against = [
+        f"{name} sent {1e-6 * node['sent_nJ']:.3g} mJ, its ledgers count {1e3 * node['ledger_sent_J']:.3g} mJ"
+        for name, node in nodes.items()
+        if node["sent_nJ"] * NANO > node["ledger_sent_J"] + ROUNDING_J
+    ]
+    judged = {name: summary["verdict"] for name, summary in edges.items()}
+    against += [f"{name}: {verdict['reason']}" for name, verdict in judged.items() if verdict["passive"] is False]
+    if against:
+        return {"passive": False, "reason": "; ".join(against)}
+    unknown = [f"{name}: {verdict['reason']}" for name, verdict in judged.items() if verdict["passive"] is None]
+    unknown += [f"{name}: there is no energy account of both sides" for name in missing]
+    if unknown:
+        return {"passive": None, "reason": "; ".join(unknown)}
+    out = sum(summary["theorem"]["energy_out_J"] for summary in edges.values())
+    bound = sum(summary["theorem"]["bound_J"] for summary in edges.values())
+    pairs = "the pair" if len(edges) == 1 else f"each of {len(edges)} pairs; together they"
+    return {
+        "passive": True,
+        "reason": f"{pairs} gave out at most {1e3 * out:.3g} mJ of the {1e3 * bound:.4g} mJ allowed",
+    }
+
+
+def show_verdict(words: Console, verdict: Mapping[str, Any]) -> None:
+    """Print the verdict on a graph in one line."""
+    known = {True: ("PASSIVE", "green"), False: ("NOT PASSIVE", "red"), None: ("PASSIVITY NOT KNOWN", "yellow")}
+    word, color = known[verdict["passive"]]
+    words.print(f"{word}: {verdict['reason']}", style=f"bold {color}", markup=False)
+
+
+def environment_line(name: str, hands: int, own: Mapping[str, float] | None) -> str | None:
+    """A line about the account of a world's blocks; None: it has none."""
+    if own is None:
+        return None
+    balance = own["env_slack_J"]
+    gave = "nothing of their own" if balance >= -1e-9 else f"{-1e3 * balance:.3g} mJ of their own"
+    held = f"{1e3 * own['env_stored_J']:.3g} mJ"
+    return f"{name}: one account for {hands} hands; its blocks gave out {gave}, and hold {held}"
+
+
+def pairs_table(pairs: Mapping[str, Summary]) -> Table:
+    """A row for each pair: its verdict, its energy, its force, and how often PSPM modulated."""
+    from rich.table import Table
+
+    table = Table("pair", "passive", "gave out, mJ", "of, mJ", "largest force, N", "modulated: device, world, %")
+    for name, of in pairs.items():
+        passive = {True: "yes", False: "no", None: "not known"}[of["verdict"]["passive"]]
+        sides = [_percent(of["device"]), _percent(of["world"])]
+        theorem = [_scaled(value) for value in (of["theorem"]["energy_out_J"], of["theorem"]["bound_J"])]
+        force = of["motion"]["peak_force_N"]
+        table.add_row(name, passive, *theorem, "-" if force is None else f"{force:.3g}", ", ".join(sides))
+    return table
+
+
+def _scaled(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.4g}"
+
+
+def _percent(side: Mapping[str, Any] | None) -> str:
+    share = None if side is None else side["modulated_share"]
+    return "-" if share is None else f"{100.0 * share:.3g}"

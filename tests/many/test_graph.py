@@ -1,0 +1,244 @@
+"""A graph in TOML: what it means, and one line for each wrong entry, through both commands."""
+
+from pathlib import Path
+
+import pytest
+
+from hapnet import cli
+from hapnet.ext.many.graph import read_graph
+from hapnet.ext.many.summary import graph_verdict
+from tests.conftest import ROOT
+from tests.support.commands import Capture, empty_directory as empty_directory
+from tests.support.processes import without_progress
+
+GOOD = """duration_s = 0.2
+[nodes.table]
+kind = "world"
+scene = "shared:block?mass=0.2&at=0,0,0"
+dof = 3
+[nodes.alice]
+kind = "device"
+[nodes.bob]
+kind = "device"
+[[edges]]
+from = "alice"
+to = "table"
+link = "lan"
+at = [-0.06, 0, 0]
+[[edges]]
+from = "bob"
+to = "table"
+at = [0.06, 0, 0]
+"""
+NODES, _, _ = GOOD.partition("[[edges]]")
+SHARED = "shared:block?mass=0.2&at=0,0,0"
+NO_ROOM = "have room for several hands"
+MANY = "".join(f'[nodes.n{k}]\nkind = "device"\n[[edges]]\nfrom = "n{k}"\nto = "table"\n' for k in range(63))
+
+
+def changed(old: str, new: str, times: int = 1) -> str:
+    assert GOOD.count(old) >= times
+    return GOOD.replace(old, new, times)
+
+
+def one_hand(scene: str, dof: int = 3) -> str:
+    """Two devices in a scene that has room for one."""
+    text = changed(SHARED, scene).replace("dof = 3", f"dof = {dof}")
+    return text.replace("at = [-0.06, 0, 0]\n", "").replace("at = [0.06, 0, 0]\n", "")
+
+
+BAD = {
+    "empty": ("", ["nodes is None", "allowed: a table", "[nodes.alice]"]),
+    "no nodes": ('[[edges]]\nfrom = "a"\nto = "b"\n', ["nodes is None", "allowed: a table"]),
+    "nodes in a list": ('nodes = []\n[[edges]]\nfrom = "a"\nto = "b"\n', ["nodes is []", "allowed: a table"]),
+    "a node that is no table": ("nodes.x = 5\n" + GOOD, ["nodes.x is 5", "allowed: a table"]),
+    "no edges": (NODES, ["edges is None", "allowed: one or more tables [[edges]]"]),
+    "empty edges": ("edges = []\n" + NODES, ["edges is []", "allowed: one or more tables [[edges]]"]),
+    "edges in a table": (NODES + '[edges]\nfrom = "alice"\n', ["edges is {", "allowed: one or more tables [[edges]]"]),
+    "an edge that is no table": ("edges = [1]\n" + NODES, ["edges[0] is 1", "[[edges]] with from and to"]),
+    "kind": (changed('"device"', '"devise"'), ["nodes.alice.kind 'devise'", "did you mean device?"]),
+    "kind in a list": (changed('"device"', '["device"]'), ["nodes.alice.kind ['device']", "device"]),
+    "kind in a table": (changed('"device"', "{a = 1}"), ["nodes.alice.kind is {'a': 1}", "allowed: device or world"]),
+    "no kind": (changed('kind = "device"', 'operator = "rest"'), ["nodes.alice.kind is None", "device or world"]),
+    "a node's name": (
+        GOOD.replace("nodes.alice", "nodes.Alice").replace('"alice"', '"Alice"'),
+        ["nodes is 'Alice'", "allowed: names of small letters"],
+    ),
+    "to": (changed('to = "table"', 'to = "tabel"'), ["edges[0].to 'tabel'", "did you mean table?"]),
+    "from": (changed('from = "alice"', 'from = "alise"'), ["edges[0].from 'alise'", "did you mean alice?"]),
+    "from a world": (changed('from = "alice"', 'from = "table"'), ["edges[0].from is 'table'", "alice, bob"]),
+    "no from": (changed('from = "alice"\n', ""), ["edges[0].from is None", "allowed: a device", "alice, bob"]),
+    "a node twice": (GOOD + '[nodes.alice]\nkind = "device"\n', ["Cannot declare", "alice", "twice", "line 19"]),
+    "two edges of a device": (
+        GOOD + '[[edges]]\nfrom = "alice"\nto = "table"\nname = "more"\n',
+        ["nodes.alice is '2 edges'", "allowed: one edge"],
+    ),
+    "the same edge twice": (
+        GOOD + '[[edges]]\nfrom = "alice"\nto = "table"\n',
+        ["edges[2].name is 'alice-table'", "allowed: a name that no other edge has"],
+    ),
+    "a device without an edge": (GOOD + '[nodes.eve]\nkind = "device"\n', ["nodes.eve is '0 edges'", "one edge"]),
+    "a world without an edge": (GOOD + '[nodes.shelf]\nkind = "world"\n', ["nodes.shelf is '0 edges'", "1 to 64"]),
+    "65 edges": (GOOD + MANY, ["nodes.table is '65 edges'", "allowed: 1 to 64 edges"]),
+    "key of a device": (changed('"device"', '"device"\noperater = 1'), ["nodes.alice 'operater'", "mean operator?"]),
+    "key of another kind": (
+        changed('"device"', '"device"\nscene = "wall"'),
+        ["nodes.alice is 'scene'", "allowed: a parameter of a device: operator"],
+    ),
+    "key below a device": (changed('"device"', '"device"\ndevice.masss = 1'), ["nodes.alice", "mean device.mass"]),
+    "value of a device": (
+        changed('"device"', '"device"\ndevice.mass = -1'),
+        ["nodes.alice: device.mass is -1.0", "allowed: a number above 0"],
+    ),
+    "key of an edge": (changed('link = "lan"', 'lnk = "lan"'), ["edges[0] 'lnk'", "did you mean link?"]),
+    "key below an edge": (changed('link = "lan"', 'link.upp = "lan"'), ["edges.alice-table", "did you mean link.up?"]),
+    "key at the top": (changed("duration_s", "duraton_s"), ["'duraton_s'", "did you mean duration_s?"]),
+    "link": (changed('"lan"', '"lann"'), ["edges.alice-table: link", "'lann'", "did you mean lan?"]),
+    "link's value": (changed('"lan"', '"delay x"'), ["edges.alice-table: link: delay", "'x'", "allowed: "]),
+    "link in a number": (changed('"lan"', "5"), ["edges.alice-table", "link.up"]),
+    "length of at": (changed("[-0.06, 0, 0]", "[-0.06, 0]"), ["edges.alice-table.at is [-0.06, 0.0]", "3 lengths"]),
+    "at in words": (changed("[-0.06, 0, 0]", '"left"'), ["edges[0].at is 'left'", "such as [0.1, 0, 0]"]),
+    "words in at": (changed("[-0.06, 0, 0]", '["a", 0, 0]'), ["edges[0].at is ['a', 0, 0]", "such as [0.1, 0, 0]"]),
+    "no number in at": (changed("[-0.06, 0, 0]", "[nan, 0, 0]"), ["edges[0].at is [nan, 0, 0]", "allowed: a list"]),
+    "true in at": (changed("[-0.06, 0, 0]", "[true, 0, 0]"), ["edges[0].at is [True, 0, 0]", "allowed: a list"]),
+    "far away": (changed("[-0.06, 0, 0]", "[1e300, 0, 0]"), ["edges[0].at is [1e+300, 0, 0]", "up to 1000 m"]),
+    "inside the block": (
+        changed("[-0.06, 0, 0]", "[0, 0, 0]"),
+        ["edges.alice-table.at", "is (0.0, 0.0, 0.0)", "allowed: a place outside the blocks"],
+    ),
+    "inside by default": (changed("at = [-0.06, 0, 0]\n", ""), ["edges.alice-table.at", "a place outside the blocks"]),
+    "soft": (one_hand("soft:organ?nodes=300"), ["nodes.table", "'2 edges'", NO_ROOM]),
+    "mujoco": (one_hand("mujoco:examples/dominoes.xml"), ["nodes.table", "'2 edges'", NO_ROOM]),
+    "tool": (one_hand("tool:box", 6), ["nodes.table: scene tool:box is '2 edges'", NO_ROOM]),
+    "follower": (
+        changed("dof = 3", 'dof = 3\nfollower.robot = "simulated"'),
+        ["nodes.table", "'2 edges'", "if no robot follows"],
+    ),
+    "scene": (changed("mass=0.2&", "mas=0.2&"), ["edges.alice-table: scene block", "'mas'", "did you mean mass?"]),
+    **{
+        law: (f'coupling = "{law}"\n' + GOOD, [f"coupling is '{law}'", "has a spring in the scene", "such as pspm"])
+        for law in ("pd", "wave", "tdpa", "digital-wave")
+    },
+    "axes of at": (changed("dof = 3", "dof = 2"), ["edges.alice-table.at", "allowed: 2 lengths, one for each axis"]),
+    "axes": (changed("dof = 3", "dof = 6"), ["edges.alice-table: dof is 6", "allowed: 1, 2 or 3"]),
+    "coupled axes": (
+        changed("dof = 3", "dof = 3\nworld.mass = [[1.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]"),
+        ["world.mass is ((1.0, 0.1", "allowed: a number, or one for each axis"],
+    ),
+    "an edge's name twice": (
+        changed('link = "lan"', 'name = "x"').replace("at = [0.06", 'name = "x"\nat = [0.06'),
+        ["edges[1].name is 'x'", "allowed: a name that no other edge has"],
+    ),
+    "an edge's name that is a path": (
+        changed('link = "lan"', 'name = "../x"'),
+        ["edges[0].name is '../x'", "allowed: up to 80 letters"],
+    ),
+    "an edge's name that is none": (changed('link = "lan"', "name = 5"), ["edges[0].name is 5", "such as left-hand"]),
+    "duration": (changed("0.2", "-1"), ["duration_s is -1.0", "allowed: 0 to"]),
+    "TOML": (GOOD + "x = = 1\n", ["g.toml", "line 19"]),
+    "binary": ("\0\1\2", ["g.toml", "a TOML file with nodes and edges"]),
+}
+
+NEEDS = {"mujoco": "mujoco", "soft": "scipy"}
+
+
+@pytest.mark.parametrize("command", [("simulate", "--no-files", "--graph"), ("graph", "check")])
+@pytest.mark.parametrize("wrong", BAD)
+def test_a_wrong_entry_is_answered_in_one_line(
+    wrong: str, command: tuple[str, ...], empty_directory: Path, capsys: Capture
+) -> None:
+    if wrong in NEEDS:
+        pytest.importorskip(NEEDS[wrong])
+    text, says = BAD[wrong]
+    (empty_directory / "examples").symlink_to(ROOT / "examples")
+    (empty_directory / "g.toml").write_text(text, "utf-8")
+    _answers(capsys, [*command, "g.toml"], says)
+
+
+def _answers(capsys: Capture, argv: list[str], says: list[str]) -> None:
+    assert cli.main(argv) == 2
+    out, said = capsys.readouterr()
+    line = without_progress(said)
+    assert line.startswith("hapnet: ")
+    assert line.count("\n") == 1
+    assert not [words for words in says if words not in line], line
+    assert "PASSIVE" not in out
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["simulate", "--graph", "folder", "--no-files"], ["folder", "a TOML file", "directory"]),
+        (["graph", "check", "folder"], ["folder", "a TOML file", "directory"]),
+        (["graph", "check", "nothing.toml"], ["nothing.toml", "a TOML file", "No such file"]),
+        (["simulate", "--graph", "picture.toml"], ["picture.toml", "a TOML file", "decode"]),
+        (["simulate", "--graph", "good.toml", "--seeds", "0:2"], ["--seeds 0:2", "use --seed"]),
+        (["simulate", "--graph", "good.toml", "--duration", "0"], ["--duration is 0.0", "above 0 in virtual time"]),
+        (["simulate", "--graph", "good.toml", "--coupling", "pd"], ["coupling is 'pd'", "such as pspm"]),
+        (["device", "--node", "alice"], ["--node alice", "give --graph FILE.toml too"]),
+        (["world", "--seats", "2", "--node", "table"], ["--node table", "give --graph FILE.toml too"]),
+        (["world", "--graph", "good.toml", "--seats", "2"], ["--seats 2", "leave --seats out"]),
+        (["world", "--graph", "good.toml", "--name", "bob"], ["--name bob", "leave --name out"]),
+        (["world", "--graph", "good.toml", "--show-params"], ["--show-params", "leave --graph and --seats out"]),
+        (["world", "--seats", "2", "--out", "here", "--no-files"], ["--out here", "leave one of the two out"]),
+        (["device", "--graph", "good.toml", "--node", "bob", "--role", "follower"], ["--role follower", "its kind"]),
+        (["device", "--graph", "good.toml", "--node", "table"], ["--node is 'table'", "alice, bob"]),
+        (["world", "--seats", "world,bob"], ["--seats is 'world,bob'", "names other than world"]),
+        (["run", "--graph", "good.toml", "--log", "x.jsonl"], ["--log x.jsonl", "leave --log out"]),
+        (["run", "--graph", "good.toml", "--show-params"], ["--show-params", "leave --graph out"]),
+        (["simulate", "--graph", "good.toml", "--show-params"], ["--show-params", "leave --graph out"]),
+        (
+            ["world", "--seats", "2", "-m", "client", "-l", "tcp/127.0.0.1:0", "--no-files"],
+            ["--listen", "leave -l out"],
+        ),
+        (["graph", "check"], ["FILE.toml"]),
+        (["graph", "chek", "good.toml"], ["chek", "check"]),
+    ],
+)
+def test_a_wrong_argument_is_answered_in_one_line(
+    argv: list[str], says: list[str], empty_directory: Path, capsys: Capture
+) -> None:
+    (empty_directory / "folder").mkdir()
+    (empty_directory / "picture.toml").write_bytes((ROOT / "examples" / "run.png").read_bytes()[:1000])
+    (empty_directory / "good.toml").write_text(GOOD, "utf-8")
+    _answers(capsys, argv, says)
+    assert not (empty_directory / "runs").exists()
+
+
+def test_a_graph_that_is_right_is_simulated_and_described(empty_directory: Path, capsys: Capture) -> None:
+    (empty_directory / "g.toml").write_text(GOOD, "utf-8")
+    assert cli.main(["graph", "check", "g.toml"]) == 0
+    out, _ = capsys.readouterr()
+    assert "alice-table" in out
+    assert "2 pairs in 1 world; together they may give out 300 mJ" in out
+    assert cli.main(["simulate", "--graph", "g.toml", "--out", "here"]) == 0
+    assert "PASSIVE: each of 2 pairs" in capsys.readouterr().out
+    left = {file.name for file in (empty_directory / "here").iterdir()}
+    assert left >= {"alice-table.mcap", "alice-table.png", "bob-table.mcap", "bob-table.png", "summary.json"}
+
+
+def test_a_nodes_and_an_edges_parameters_go_before_those_for_all(tmp_path: Path) -> None:
+    file = tmp_path / "g.toml"
+    text = 'operator = "press"\ndevice.mass = 0.5\nlink.up = "4g"\n' + changed(
+        '"device"', '"device"\ndevice.mass = 0.7'
+    )
+    file.write_text(text, "utf-8")
+    graph = read_graph(file)
+    alice, bob = (graph.pair(edge) for edge in graph.edges.values())
+    assert (alice.device.mass, bob.device.mass) == (0.7, 0.5)
+    assert (alice.operator, bob.operator) == ("press", "press")
+    assert (alice.link.up, alice.link.down, bob.link.up) == ("lan", "lan", "4g")
+    assert (alice.scene, alice.dof) == (SHARED, 3)
+    assert graph.edges["alice-table"].at == (-0.06, 0.0, 0.0)
+    assert [edge.name for edge in graph.edges_of("table")] == ["alice-table", "bob-table"]
+
+
+def test_a_pair_without_an_account_leaves_the_verdict_open() -> None:
+    passive = {"verdict": {"passive": True, "reason": "it is"}, "theorem": {"energy_out_J": 0.0, "bound_J": 0.15}}
+    broken = {**passive, "verdict": {"passive": False, "reason": "too much"}}
+    assert graph_verdict({"a-t": passive}, {})["passive"] is True
+    for edges in ({}, {"a-t": passive}):
+        found = graph_verdict(edges, {}, missing=["b-t"])
+        assert found["passive"] is None
+        assert "b-t" in found["reason"]
+    assert graph_verdict({"a-t": broken}, {}, missing=["b-t"])["passive"] is False
