@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 from hapnet.commands import flags, output
 from hapnet.commands.options import LinkOptions, ModelOptions, ParamsOptions, no_out_without_files
 from hapnet.commands.progress import Progress
-from hapnet.errors import HapnetError
+from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.installing import require
+from hapnet.loading import extension
 from hapnet.params import Params, is_simulated
 
 if TYPE_CHECKING:
@@ -36,14 +37,29 @@ def run(
     files: flags.Files = True,
     log_to: flags.Log = None,
     realtime: flags.Realtime = False,
+    graph: flags.Graph = None,
 ) -> int:
     """Runs for 10 s by default, with 40 ms delay, 10 ms jitter and 2 % loss in each direction. Writes two
     recordings, a report, its figure and a summary.
     """
     chosen = params.over(Params(), model.named("device", "world"), links)
     if params.show_params:
+        if graph is not None:
+            raise InvalidParameter("--show-params", "with --graph", "", why="each pair has its own; leave --graph out")
         return params.show(chosen)
     no_out_without_files(out, files)
+    if graph is not None:
+        if log_to is not None:
+            why = "each node has its own events; leave --log out, or use -v"
+            raise InvalidParameter("--log", log_to, "", why=why)
+
+        def over(pair: Params) -> Params:
+            return params.over(pair, model.named("device", "world"), links)
+
+        code: int = extension("local graphs").run(
+            graph, over, seed=seed, json_to=json_to, out=out, files=files, verbose=verbose, realtime=realtime
+        )
+        return code
     import asyncio
     from tempfile import TemporaryDirectory
 
@@ -53,7 +69,6 @@ def run(
     from hapnet.commands.outcome import FILES, of_pair, write_files
     from hapnet.commands.pair import Pair
     from hapnet.commands.side import exit_code, held_back
-    from hapnet.loading import extension
     from hapnet.summary.structure import SIDES
     from hapnet.summary.verdict import incomplete
 

@@ -52,6 +52,7 @@ WRONG = {
     "--json": "/",
     "--out": "/proc/no",
     "--log": "/proc/no/log",
+    "--graph": "nothere.toml",
 }
 """A wrong value of each flag of `hapnet run` that has a value."""
 
