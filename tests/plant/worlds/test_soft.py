@@ -336,10 +336,10 @@ def test_the_planes_are_as_stiff_as_the_body(nodes: int) -> None:
     assert contacts.planes((-0.1, 0.0, 0.0), 0.02) == ()
 
 
-@pytest.mark.parametrize("nodes", mostly_slow([343, 512], 0))
-def test_planes_that_are_told_from_afar_are_right(nodes: int) -> None:
+@pytest.mark.slow
+def test_planes_that_are_told_from_afar_are_right() -> None:
     """A hand may press deep before it hears again; and the rim of a flat face says nothing of how that bends."""
-    contacts = block(nodes, friction=0.0, beta_s=0.05)
+    contacts = block(512, friction=0.0, beta_s=0.05)
     assert contacts.planes((0.0, 0.017, 0.012), 0.05)[0].curvatures == ()
     told = contacts.planes((-0.02, 0.003, 0.0), 0.05)
     mass = PassiveIntegrator(MASS, DAMPING, STIFFNESS, (0.0, 0.0, 0.0))
