@@ -27,7 +27,10 @@ def made(kind: str) -> tuple[GraphResult, float]:
     return run(kind)
 
 
-@pytest.mark.parametrize("kind", ["liar", "forger", "shaker"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("kind", [pytest.param("liar", marks=SLOW), pytest.param("forger", marks=SLOW), "shaker"])
 def test_no_hand_is_pushed_harder_and_the_block_stays_slow(kind: str) -> None:
     (honest, _), (result, speed) = made("honest"), made(kind)
     assert speed <= 1.0
@@ -43,7 +46,7 @@ def test_no_hand_is_pushed_harder_and_the_block_stays_slow(kind: str) -> None:
     assert ledger["slack_J"] >= -1e-12
 
 
-@pytest.mark.parametrize("kind", ["forger", "shaker"])
+@pytest.mark.parametrize("kind", [pytest.param("forger", marks=SLOW), "shaker"])
 def test_who_sends_more_than_its_ledger_counts_is_named(kind: str) -> None:
     assert made("honest")[0].summary["verdict"]["passive"] is True
     verdict = made(kind)[0].summary["verdict"]
@@ -51,6 +54,7 @@ def test_who_sends_more_than_its_ledger_counts_is_named(kind: str) -> None:
     assert verdict["reason"].startswith("third sent ")
 
 
+@pytest.mark.slow
 def test_with_the_admission_for_one_hand_the_block_is_thrown() -> None:
     """So that the first test can fail: 1 W and 0.1 J are what keep the block slow."""
     _, speed = run("forger", wire={"admission_W": 5.0, "admission_burst_J": 0.5})
