@@ -308,7 +308,7 @@ def test_what_is_not_there_is_named(library: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("library_says", [{}, {"STUB_INTS": "64", "STUB_OFF": f"2:{EXPIRED}"}])
+@pytest.mark.parametrize("library_says", [{}, {"STUB_INTS": "64", "STUB_OFF": f"4:{EXPIRED}"}])
 def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp_path: Path) -> None:
     device = f"dhd:library={library}"
     argv = ("run", "--device", device, "--duration", 6, "--json", "-", "--out", tmp_path / "run")
