@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from hapnet.assembly.build import Setup, prepare
@@ -38,6 +38,11 @@ def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Se
             setup = replace(setup, scene=_scene_of(edge, world, len(edges)))
         made.append(setup)
     return made
+
+
+def warnings_of(setups: Iterable[Setup]) -> tuple[str, ...]:
+    """The warnings of all these setups, each once."""
+    return tuple(dict.fromkeys(line for setup in setups for line in setup.warnings))
 
 
 def _scene_of(edge: Edge, world: World, hands: int) -> World:

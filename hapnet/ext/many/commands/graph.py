@@ -12,6 +12,7 @@ from hapnet.commands.progress import Progress
 from hapnet.commands.typed import Command
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import Graph, read_graph
+from hapnet.ext.many.hands import warnings_of
 from hapnet.ext.many.summary import environment_line, pairs_table, show_verdict
 from hapnet.loading import extension
 from netem.command_help import PlainGroup
@@ -51,8 +52,7 @@ def check(file: File, json_to: flags.Json = None) -> int:
             "-l tcp/0.0.0.0:17447" if node.kind == "world" else f"-e tcp/{_world_of(found, node.name).upper()}:17447"
         )
         words.print(f"{node.name}: hapnet {node.kind} --graph {file} --node {node.name} {place}", markup=False)
-    for warning in dict.fromkeys(one for pair in run.pairs.values() for one in pair.setup.warnings):
-        output.show_warnings(words, (warning,))
+    output.show_warnings(words, warnings_of(pair.setup for pair in run.pairs.values()))
     output.write_json(rows, json_to)
     return 0
 
@@ -109,8 +109,7 @@ def simulate(
     if run.duration_s <= 0.0:
         raise InvalidParameter("duration_s", run.duration_s, "above 0 in virtual time")
     words = output.console(json_to)
-    for warning in dict.fromkeys(one for pair in run.pairs.values() for one in pair.setup.warnings):
-        output.show_warnings(words, (warning,))
+    output.show_warnings(words, warnings_of(pair.setup for pair in run.pairs.values()))
     directory = output.run_directory(out, seed) if files else None
     written = output.Written()
     with Progress(output.progress_console(words), "simulating", run.duration_s) as progress:

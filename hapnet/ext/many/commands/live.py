@@ -15,7 +15,7 @@ from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.side import catch, exit_code, held_back, main, zenoh_settings
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import Edge, Graph, graph_of, read_graph
-from hapnet.ext.many.hands import Change, world_setups
+from hapnet.ext.many.hands import Change, warnings_of, world_setups
 from hapnet.ext.many.seats import SeatedWorld, seat_names
 from hapnet.ext.many.summary import environment_line
 from hapnet.side.notices import Notice
@@ -71,9 +71,8 @@ def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, ze
     check_target(given.log_to, given.json_to)
     directory = output.run_directory(given.out, edges[0].world) if given.files else None
     words = None if given.log_to == "-" else output.console(given.json_to)
-    warnings = dict.fromkeys([*(line for one in setups.values() for line in one.warnings), *zenoh_warnings(settings)])
     if words is not None:
-        output.show_warnings(words, tuple(warnings))
+        output.show_warnings(words, (*warnings_of(setups.values()), *zenoh_warnings(settings)))
     log_to = given.log_to or (None if directory is None else str(directory / "log.jsonl"))
     logs = {
         name: Log(name, words, log_to, progress=given.progress and not number, verbose=given.verbose)

@@ -18,7 +18,7 @@ from hapnet.commands.log import Repeats
 from hapnet.commands.progress import Progress
 from hapnet.commands.side import PARENT, catch, exit_code, held_back
 from hapnet.ext.many.graph import Edge, Graph, read_graph
-from hapnet.ext.many.hands import Change, world_setups
+from hapnet.ext.many.hands import Change, warnings_of, world_setups
 from hapnet.ext.many.summary import environment_line, graph_verdict, pairs_table, show_verdict
 from hapnet.param_values import toml_value
 from hapnet.params import Params
@@ -51,8 +51,7 @@ def run(
         for edge, setup in zip(edges, world_setups(graph, edges, change), strict=True)
     }
     words = output.console(json_to)
-    for warning in dict.fromkeys(line for setup in setups.values() for line in setup.warnings):
-        output.show_warnings(words, (warning,))
+    output.show_warnings(words, warnings_of(setups.values()))
     directory = output.run_directory(out, seed) if files else None
     written, caught = output.Written(), list[signal.Signals]()
     with (
