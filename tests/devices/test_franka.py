@@ -290,7 +290,7 @@ def test_with_a_tool_the_account_has_the_work_of_force_and_torque(lossy: bool, l
     for k in range(500):
         robot.lost = int(lossy and rng.random() < 0.2)
         wave = np.sin(0.004 * k * np.arange(1.0, 1.0 + AXES))
-        posed.apply(tuple(3.0 * wave - 8.0 * np.subtract(x, start)))
+        posed.apply(tuple(6.0 * wave - 8.0 * np.subtract(x, start)))
         q, before = robot.q, robot.reported[-1]
         now, _ = posed.read()
         done += max(before @ (robot.q - q), robot.reported[-1] @ (robot.q - q))
@@ -317,6 +317,18 @@ def test_a_torque_of_the_scene_takes_the_place_of_the_wrists_spring(library: Non
     both = stand_in.chain(robot.q)[1]
     theirs = np.concatenate((R.T @ wanted[:3], R.T @ wanted[3:]))
     assert robot.sent[-1] == pytest.approx(both.T @ theirs, abs=1e-9)
+
+
+def test_the_wrists_damper_acts_in_a_scene_with_a_tool_too() -> None:
+    """-W' B w beside the scene's force and torque, with B = 0.08 s of the spring that does not act there."""
+    rng = np.random.default_rng(6)
+    start = arm(stand_in.START)
+    made = Torques(start, NOTHING, 100.0, 0.0)
+    here = arm(stand_in.START + 0.1, 0.01 * rng.normal(size=7))
+    torque = made.of(here, np.zeros(3), np.zeros(7), np.eye(7), np.zeros(3))
+    both = stand_in.chain(here.q)[1]
+    assert torque == pytest.approx(-8.0 * both[3:].T @ (both[3:] @ here.dq), abs=1e-9)
+    assert np.abs(torque).max() > 0.01
 
 
 def test_its_frame_is_hapnets(library: None) -> None:

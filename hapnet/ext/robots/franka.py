@@ -47,8 +47,8 @@ class Franka(Driver):
     host : of the robot's Control. axes : which of the tool's axes the scene has, as in `Axes`; the others are held.
     force : the largest at the tool [N]. contact : the external force above which the robot's own reflex ends the motion
     [N]. reach : how far the tool may move from its start along each axis [m], and speed : how fast [m/s]; beyond these
-    the force stops. wrist : stiffness of the spring that holds the tool's orientation [Nm/rad]
-    in a scene without a tool.
+    the force stops. wrist : stiffness of the spring that holds the tool's orientation in a scene
+    without a tool [Nm/rad]; the wrist's damper is 0.08 s of it in every scene.
     elbow : damping of the elbow's motion [Nms/rad]. realtime : refuse a kernel without PREEMPT_RT, as the library does.
     recover : clear the errors of the last motion first. clock : monotonic [s].
 

@@ -4,7 +4,8 @@
     tau_h = J' (k (x0 - x) - b v)_held + W' (K_w e - B_w w) + (k_e n' (q0 - q) - d a) M n / (n' M n) + c
 
 * along axes that the scene does not have, the tool is held where it began (_held);
-* in a scene with a tool the torque T is the scene's; in others it is 0, and the wrist's spring holds the tool;
+* in a scene with a tool the torque T is the scene's, and K_w is 0; in others T is 0, and the wrist's spring holds the
+  tool; its damper B_w acts in both;
 * the wrist's spring has the potential K_w (1 - cos angle), with e = 1/2 sum of r_i x r_i0 over the columns r_i of the
   tool's rotation; w = W dq;
 * the elbow is damped, and pulled back to where it began: n, of length 1, spans the null space of J and W, and
@@ -193,11 +194,11 @@ class Torques:
         torque: Array = -self._elbow * float(along @ arm.dq) / inertia**2 * along
         back = ELBOW_PER_S * self._elbow * float(null @ (self._start.q - arm.q)) / inertia
         torque = torque - arm.linear.T @ (HELD_DAMPING * self._held @ velocity)
-        wrist = 0.0 if self._turns else self._wrist
-        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * wrist * turning)
+        torque = torque - arm.angular.T @ (_WRIST_DAMPING_S * self._wrist * turning)
         if self._held_J <= -0.5 * LENT_J:
             return torque
         away = self._held @ (self._start.position - arm.position)
+        wrist = 0.0 if self._turns else self._wrist
         off = 0.5 * np.sum(np.cross(arm.rotation.T, self._start.rotation.T), axis=0)
         pull: Array = arm.linear.T @ (HELD_STIFFNESS * away) + arm.angular.T @ (wrist * off) + back * along
         return torque + pull + coriolis
