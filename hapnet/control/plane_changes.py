@@ -15,7 +15,7 @@ from hapnet.records.record import Floats, Reals, equation
 from hapnet.records.vectors import dot, length, times
 from hapnet.units import POSE_AXES
 
-TIMES_SLOWER = 10.0
+TIMES_SLOWER = 40.0
 """A change of a tool's planes takes effect in this many times `fade_s`: most changes are large."""
 
 LENT_J = 0.002
