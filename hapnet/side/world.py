@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -117,6 +118,10 @@ class WorldSide:
             dt = (now_ns - self.stepped.began_ns) * NANO
             self.stepped.began_ns = now_ns
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
+        if self.scene.robot:
+            used = endpoint.in_use
+            transit_s = used.took_ns * NANO if used.took_ns >= 0 else math.nan
+            self.scene.heard(now_ns * NANO, used.came_ns * NANO, transit_s)
         message: bytes | None = step(self, endpoint, now_ns)
         self._record(now_ns)
         return message
