@@ -23,7 +23,9 @@ import numpy as np
 from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.robots.position_robot import WATCHDOG_S, Limits, PositionRobot
+from hapnet.ext.robots.ros2_inbox import PERIODS
 from hapnet.ext.robots.ros2_topics import POSE, RosTopics, TopicNames, header
+from hapnet.records.vectors import distance
 from hapnet.transport.ros2 import ROUTER, RosNode, check_topic
 
 TWIST, TRAJECTORY, ARRAY = (
@@ -34,6 +36,12 @@ TWIST, TRAJECTORY, ARRAY = (
 
 KINDS = {"PoseStamped": POSE, "TwistStamped": TWIST, "JointTrajectory": TRAJECTORY, "Float64MultiArray": ARRAY}
 """The types of commands that are positions, or velocities towards a position."""
+
+SHORTEST_S = 0.02
+"""The robot is silent after three periods of its states, but not before this time, nor after the watchdog's [s]."""
+
+SAME = 1e-9
+"""The distance of two set-points that differ by rounding only [rad]."""
 
 _OF_JOINTS = (TRAJECTORY, ARRAY)
 
@@ -99,10 +107,12 @@ class Ros2Positions(PositionRobot):
         self._most = Limits.of(self)
         self._command, self._gain, self._ahead_s = command, gain, ahead or 2.0 / rate
         self._stamped, self._clock = stamped, clock
+        self._silence_s = min(watchdog, max(SHORTEST_S, PERIODS / rate))
         node = RosNode("hapnet", domain=domain, router=router) if handle is None else handle
         self._topics = topics = RosTopics(dof, names, node, clock)
         self._x, self._came_ns = topics.first
         self._pose: tuple[Vector, Vector] | None = None
+        self._goes_to: Vector | None = None
         if frame and topics.axes is not None and frame != topics.frame:
             node.close()
             raise InvalidParameter("frame", frame, f"left out, or that of {state}: {topics.frame}")
@@ -111,7 +121,7 @@ class Ros2Positions(PositionRobot):
     def read(self) -> Vector:
         if (newest := self._topics.next(0.0)) is not None:
             self._x, self._came_ns = newest
-        elif (self._clock() - self._came_ns) * 1e-9 > self.watchdog_s:
+        elif (self._clock() - self._came_ns) * 1e-9 > self._silence_s:
             raise DeviceSilent(self._topics.silence)
         return self._x
 
@@ -132,17 +142,17 @@ class Ros2Positions(PositionRobot):
             seconds, rest = divmod(round(self._ahead_s * 1e9), 1_000_000_000)
             after, none = make["builtin_interfaces/msg/Duration"](seconds, rest), np.zeros(0)
             point = make["trajectory_msgs/msg/JointTrajectoryPoint"](np.array(position), none, none, none, after)
+            self._goes_to = position
             self._publish(make[TRAJECTORY](stamp, self._topics.joints, [point]))
         else:
             layout = make["std_msgs/msg/MultiArrayLayout"]([], 0)
             self._publish(make[ARRAY](layout, np.array(position)))
 
     def hold(self, dt: float, position: Vector) -> None:
-        still = (0.0,) * self.dof
         if self._kind == TWIST:
-            self._publish_twist(still)
-        else:
-            self.move(dt, position, still)
+            self._publish_twist((0.0,) * self.dof)
+        elif self._kind != TRAJECTORY or self._goes_to is None or distance(self.dof, position, self._goes_to) > SAME:
+            self.move(dt, position, (0.0,) * self.dof)  # a trajectory that ends there is not begun again
 
     def close(self) -> None:
         self._topics.node.close()
