@@ -226,7 +226,7 @@ def test_the_port_is_passive_whatever_the_robot_says(
 ) -> None:
     """Both ports, summed up from the recorded samples alone, beside the summary's account."""
     monkeypatch.setattr(Arm, "lies", lies)
-    result = led(f"{__name__}:Arm")
+    result = led(f"{__name__}:Arm", duration_s=4.5)
     summary, own = result.summary, result.summary["environment"]
     assert summary["verdict"]["passive"] is True
     work, least = sums(result)

@@ -13,6 +13,7 @@ Each controller is updated at its rate, and its joints or its tool follow the co
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -38,7 +39,7 @@ class Executed(NamedTuple):
 class Controller:
     """dof : of its positions. hz : its rate, and that of its states."""
 
-    kind = "geometry_msgs/msg/PoseStamped"
+    kind = state_kind = "geometry_msgs/msg/PoseStamped"
 
     def __init__(self, dof: int, hz: float, at: float = 0.3) -> None:
         self.period_ns = round(1e9 / hz)
@@ -111,7 +112,7 @@ class Servo(Controller):
 
 
 class Forward(Controller):
-    kind = "std_msgs/msg/Float64MultiArray"
+    kind, state_kind = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState"
 
     def accepts(self, message: Any, utc_ns: int) -> bool:
         return len(message.data) == len(self.commanded)
@@ -241,3 +242,36 @@ class Network:
     def _attached(self, to_robot: int) -> bytes:
         self._counts[to_robot] += 1
         return struct.pack("<qqB16s", self._counts[to_robot], self.wall_ns(), 16, b"the mock's topic")
+
+
+class RealNode:
+    """A controller in real time, behind the node of `tests.support.ros_node`; its topics are below `/<name>`.
+
+    It begins with its first state. Each message that comes below `/<name>` is kept in `node.messages`.
+    """
+
+    def __init__(self, address: str, name: str, controller: Controller) -> None:
+        from tests.support.ros_node import BareNode
+
+        self.node, self.controller, self.silent = BareNode(address), controller, False
+        self._key = f"{name}/state/{key_of(controller.state_kind)}"
+        self.node.listen(f"0/{name}/command/**")
+        self.node.stream(self._key, 1e9 / controller.period_ns, self._state)
+        self._taken = 0
+
+    def _state(self) -> bytes:
+        now_ns = time.time_ns() - UTC_NS
+        messages = self.node.messages
+        while self._taken < len(messages):
+            key, data, (number, sent_ns, size, gid) = messages[self._taken]
+            assert key.split("/", 3)[3] == key_of(self.controller.kind), "the topic's type and hash"
+            self.controller.take(data, struct.pack("<qqB16s", number, sent_ns, size, gid), now_ns)
+            self._taken += 1
+        self.controller.update(now_ns)
+        return self.controller.state(now_ns)
+
+
+def key_of(kind: str) -> str:
+    """A type as a key of rmw_zenoh has it, with its hash."""
+    package, _, name = kind.split("/")
+    return f"{package}::msg::dds_::{name}_/{STORE.hash_rihs01(kind)}"
