@@ -21,7 +21,10 @@ from tests.support.position_rig import MS, Cut, PositionRig, cut
 from tests.support.ros2_control import CONTROLLERS, STORE
 
 WATCHDOG_MS = 100.0
-WHERE = ("leader", "lost", "late")
+WHERE = ("leader", "lost", "late", "stale")
+TIMED = ("TwistStamped", "JointTrajectory")
+"""The types with a time that their controllers check."""
+
 CASES = [*[(kind, 100.0) for kind in CONTROLLERS], ("PoseStamped", 500.0)]
 
 
@@ -44,13 +47,32 @@ def cuts(kind: str, hz: float, times: int, seed: int = 1) -> None:
     rig, rng = PositionRig(kind, hz, seed), np.random.default_rng(seed)
     rig.run(300)
     for i in range(times):
-        where = WHERE[i % len(WHERE)]
+        where = (WHERE if kind in TIMED else WHERE[:3])[i % (4 if kind in TIMED else 3)]
         judge(rig, where, cut(rig, where, rng))
 
 
 @pytest.mark.parametrize(("kind", "hz"), CASES)
 def test_cuts_of_the_links_make_no_jump_and_execute_nothing_stale(kind: str, hz: float) -> None:
-    cuts(kind, hz, 3)
+    cuts(kind, hz, 4)
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_old_set_points_of_the_leader_that_come_at_once_are_not_executed(
+    checked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.4 s after the link was cut, what it held of the first 50 ms is delivered, and nothing else."""
+    if not checked:
+        hear = TargetAge.hear
+        monkeypatch.setattr(TargetAge, "hear", lambda age, now_s, came_s, transit_s: hear(age, now_s, came_s, 0.02))
+    rig = PositionRig("PoseStamped", 100.0)
+    rig.run(700)
+    rig.linked = False
+    rig.run(1100)
+    rig.deliver_kept(20)
+    since = len(rig.controller.executed)
+    rig.run(1300)
+    moved = float(np.ptp([one.position[0] for one in rig.controller.executed[since:]]))
+    assert (moved == 0.0) == checked
 
 
 @pytest.mark.slow

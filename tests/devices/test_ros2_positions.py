@@ -58,11 +58,11 @@ def test_two_arms_on_one_router_follow_their_own_leaders(address: str) -> None:
         ):
             await one.wait_paired()
             await other.wait_paired()
-            await asyncio.sleep(3.0)
+            await asyncio.sleep(2.0)
 
     try:
         asyncio.run(run())
-        until(lambda: len(left.node.messages) > 150 and len(right.node.messages) > 100)
+        until(lambda: len(left.node.messages) > 100 and len(right.node.messages) > 70)
     finally:
         for node in (left, right):
             node.node.close()
@@ -110,7 +110,8 @@ def test_what_does_not_fit_is_one_line(text: str, message: str) -> None:
     given = options("ros2", Ros2Positions, text)
     if "frame" in given:
         given["state"] = "/state"
-        given["handle"] = Network(Controller(2, 100.0), lambda: 10**9)
+        given["clock"] = lambda: 10**9
+        given["handle"] = Network(Controller(2, 100.0), given["clock"])
     with pytest.raises(InvalidParameter, match=message):
         Ros2Positions(2, **given)
 

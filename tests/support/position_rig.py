@@ -73,6 +73,7 @@ class PositionRig:
             LinkPort(self.far, Link(self.setup.down, seed=seed + 1)),
         ]  # fmt: skip
         self._due_ns = 0
+        self.kept: list[tuple[Any, LinkPort]] = []
 
     def _clock(self) -> int:
         return self.now_ns
@@ -93,7 +94,15 @@ class PositionRig:
                 self._deliver(port.pump(now).packets, other)
 
     def _deliver(self, packets: Any, port: LinkPort) -> None:
-        for packet in packets if self.linked else ():
+        for packet in packets:
+            if self.linked:
+                port.receive(self.now_ns, packet.data)
+            else:
+                self.kept.append((packet, port))
+
+    def deliver_kept(self, count: int) -> None:
+        """Deliver the first `count` packets of those that came while the link was cut."""
+        for packet, port in self.kept[:count]:
             port.receive(self.now_ns, packet.data)
 
     def stall(self, ms: int) -> None:

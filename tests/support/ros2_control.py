@@ -175,7 +175,8 @@ Take = Callable[[bytes, bytes], object]
 class Network:
     """The network between hapnet and a controller in virtual time, 1 ms long; hapnet's node of it.
 
-    cut : "": none; "lost": messages are lost; "late": they are delivered all at once afterwards.
+    cut : "": none; "lost": messages are lost; "late": they are delivered all at once afterwards; "stale": only those of
+    the first 10 ms are, as of a queue that was full then.
     """
 
     DELAY_NS = 1_000_000
@@ -190,7 +191,7 @@ class Network:
         self._clock = clock
         self._take: Take = lambda data, attachment: None
         self._under_way: list[tuple[int, bool, bytes, bytes]] = []
-        self._counts = [0, 0]
+        self._counts, self._since_ns = [0, 0], 0
 
     def wall_ns(self) -> int:
         return self._clock() + UTC_NS
@@ -213,7 +214,7 @@ class Network:
         self._send(1, data)
 
     def interrupt(self, cut: str) -> None:
-        self.cut = cut
+        self.cut, self._since_ns = cut, self._clock()
         if cut == "lost":
             self._under_way.clear()
 
@@ -236,7 +237,8 @@ class Network:
 
     def _send(self, to_robot: int, data: bytes) -> None:
         attachment = self._attached(to_robot)
-        if self.cut != "lost":
+        is_full = self.cut == "stale" and self._clock() - self._since_ns > 10_000_000
+        if self.cut != "lost" and not is_full:
             self._under_way.append((self._clock() + self.DELAY_NS, bool(to_robot), data, attachment))
 
     def _attached(self, to_robot: int) -> bytes:
