@@ -94,11 +94,6 @@ class Setup:
         return follower_of(self.params)
 
     @property
-    def driven(self) -> bool:
-        """Whether a driver's robot, which takes forces, is in the world's place."""
-        return self.follower.is_driven(self.params)
-
-    @property
     def tuned(self) -> dict[str, Any]:
         """The tuning by its fields' names, as recordings and summaries contain it."""
         return dataclasses.asdict(self.tuning)

@@ -194,7 +194,7 @@ def check_sides(setup: Setup) -> None:
         device_side(setup, DeviceEndpoint(device_session(setup, 1)), time.monotonic_ns, lambda sample: None)
     else:
         load_class(setup.params.hardware)
-    if setup.driven:
+    if setup.follower.is_driven(setup.params):
         load_class(setup.params.follower.robot, "follower.robot")
     world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)
 

@@ -299,7 +299,7 @@ def control_of(
     """
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
-        if setup.driven:
+        if setup.follower.is_driven(setup.params):
             return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps), steps=make_steps)
     session = device_session(setup, incarnation, secret=secret)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -120,8 +119,7 @@ class WorldSide:
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
         if self.scene.robot:
             used = endpoint.in_use
-            transit_s = used.took_ns * NANO if used.took_ns >= 0 else math.nan
-            self.scene.heard(now_ns * NANO, used.came_ns * NANO, transit_s)
+            self.scene.heard(now_ns, used.came_ns, used.took_ns)
         message: bytes | None = step(self, endpoint, now_ns)
         self._record(now_ns)
         return message

@@ -13,7 +13,7 @@ pytest.importorskip("xxhash")
 from hapnet import simulate
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.engines.observer import Observer
-from hapnet.ext.robots.position_robot import Limits
+from hapnet.ext.robots.position_robot import SetPointLimits
 from hapnet.ext.robots.position_world import PositionWorld
 from hapnet.ext.robots.target_age import TargetAge
 from tests.conftest import mostly_slow
@@ -63,7 +63,11 @@ def test_old_set_points_of_the_leader_that_come_at_once_are_not_executed(
     """0.4 s after the link was cut, what it held of the first 50 ms is delivered, and nothing else."""
     if not checked:
         hear = TargetAge.hear
-        monkeypatch.setattr(TargetAge, "hear", lambda age, now_s, came_s, transit_s: hear(age, now_s, came_s, 0.02))
+
+        def without_transit(age: TargetAge, now_ns: int, came_ns: int, took_ns: int) -> None:
+            hear(age, now_ns, came_ns, min(took_ns, 20 * MS))
+
+        monkeypatch.setattr(TargetAge, "hear", without_transit)
     rig = PositionRig("PoseStamped", 100.0)
     rig.run(700)
     rig.linked = False
@@ -88,7 +92,7 @@ def always(value: object) -> Callable[..., object]:
 
 @pytest.mark.parametrize(
     ("part", "name", "value"),
-    [(TargetAge, "why", ""), (Limits, "share", 1.0)],
+    [(TargetAge, "why", ""), (SetPointLimits, "share", 1.0)],
     ids=["without watchdog", "without limits"],
 )
 def test_the_judge_notices_what_is_switched_off(
@@ -100,7 +104,9 @@ def test_the_judge_notices_what_is_switched_off(
 
 
 def test_the_step_is_limited_where_the_speed_would_allow_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, robot: cls(100.0, 0.25, 1.0, 0.05, 0.1, 200.0, False)))
+    monkeypatch.setattr(
+        SetPointLimits, "of", classmethod(lambda cls, robot: cls(100.0, 0.25, 1.0, 0.05, 0.1, 200.0, False))
+    )
     with pytest.raises(AssertionError):
         cuts("PoseStamped", 100.0, 3)
 

@@ -19,7 +19,7 @@ class PositionRobot(ABC):
     """A robot with a position loop of its own, given as ``module:Class`` after ``--follower``. It needs no base class.
 
     Its constructor takes ``dof``, and the options that follow the robot's name, as keywords. Positions are in `units`,
-    forces in N, or Nm where the axes are angles. None means the default of `Limits`.
+    forces in N, or Nm where the axes are angles. None means the default of `SetPointLimits`.
     """
 
     about: ClassVar[str] = ""
@@ -71,7 +71,7 @@ class PositionRobot(ABC):
 
 
 @dataclass(frozen=True)
-class Limits:
+class SetPointLimits:
     """The limits of a robot's set-points, in its own units: see the attributes of `PositionRobot`.
 
     by_axis : whether each axis has the limits, as joints do; else they hold for the length of a vector.
@@ -86,7 +86,7 @@ class Limits:
     by_axis: bool
 
     @classmethod
-    def of(cls, robot: Any) -> Limits:
+    def of(cls, robot: Any) -> SetPointLimits:
         """The limits that `robot` declares, with defaults for the others. Raises InvalidParameter.
 
         The defaults are 0.25 m/s or 0.5 rad/s, steps of twice the speed's, a lag of 50 mm or 0.2 rad, and a spring of

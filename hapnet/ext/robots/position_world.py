@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Signal, Vector
 from hapnet.errors import DeviceSilent, HapnetError
 from hapnet.ext.engines.observed_world import ObservedWorld, compliance_of
-from hapnet.ext.robots.position_robot import Limits, check_axes
+from hapnet.ext.robots.position_robot import SetPointLimits, check_axes
 from hapnet.ext.robots.target_age import TargetAge
 from hapnet.loading import failure
 from hapnet.mechanics.contacts import Inverse, Mass
@@ -54,7 +54,7 @@ class PositionWorld(ObservedWorld):
         super().__init__(name=name, **others)
         self._make, self._frame, self._needs_force = make, frame, needs_force
         self._robot: Any = None
-        self._limits: Limits  # set by `open`
+        self._limits: SetPointLimits  # set by `open`
         self._age = TargetAge()
         self._target: Vector | None = None
         self._measured: Vector = (0.0,) * self.dof
@@ -66,7 +66,7 @@ class PositionWorld(ObservedWorld):
         if self._robot is None:
             robot = self._make()
             check_axes(self.name, robot, self.dof, self.units)
-            self._limits = Limits.of(robot)
+            self._limits = SetPointLimits.of(robot)
             self._robot = robot
             if self._needs_force and self._sensed() is None:
                 self.close()
@@ -102,8 +102,8 @@ class PositionWorld(ObservedWorld):
 
     # -- what stops it ---------------------------------------------------------------------------------------------
 
-    def heard(self, now_s: float, came_s: float, transit_s: float) -> None:
-        self._age.hear(now_s, came_s, transit_s)
+    def heard(self, now_ns: int, came_ns: int, took_ns: int) -> None:
+        self._age.hear(now_ns, came_ns, took_ns)
 
     def signal(self, name: str, value: Signal) -> None:
         if name == LEADS and isinstance(value, bool):

@@ -22,7 +22,7 @@ import numpy as np
 
 from hapnet.checks import Vector
 from hapnet.errors import DeviceSilent, InvalidParameter
-from hapnet.ext.robots.position_robot import WATCHDOG_S, Limits, PositionRobot
+from hapnet.ext.robots.position_robot import WATCHDOG_S, PositionRobot, SetPointLimits
 from hapnet.ext.robots.ros2_inbox import PERIODS
 from hapnet.ext.robots.ros2_topics import POSE, RosTopics, TopicNames, header
 from hapnet.records.vectors import distance
@@ -86,7 +86,7 @@ class Ros2Positions(PositionRobot):
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         check_topic("command", command)
-        self._kind = kind = KINDS[type]
+        kind = KINDS[type]
         if (kind in _OF_JOINTS) != bool(joints):
             allowed = "names of joints joined by +" if kind in _OF_JOINTS else "left out"
             raise InvalidParameter("joints", joints, f"{allowed} with type={type}")
@@ -104,19 +104,17 @@ class Ros2Positions(PositionRobot):
         self.rate_hz, self.watchdog_s = rate, watchdog
         self.speed_limit, self.step_limit = _amount("speed", speed), _amount("step", step)
         self.lag_limit, self.tie_stiffness = _amount("lag", lag), _amount("tie", tie)
-        self._most = Limits.of(self)
-        self._command, self._gain, self._ahead_s = command, gain, ahead or 2.0 / rate
-        self._stamped, self._clock = stamped, clock
+        self._most = SetPointLimits.of(self)
+        self._gain, self._clock = gain, clock
         self._silence_s = min(watchdog, max(SHORTEST_S, PERIODS / rate))
         node = RosNode("hapnet", domain=domain, router=router) if handle is None else handle
         self._topics = topics = RosTopics(dof, names, node, clock)
         self._x, self._came_ns = topics.first
-        self._pose: tuple[Vector, Vector] | None = None
-        self._goes_to: Vector | None = None
         if frame and topics.axes is not None and frame != topics.frame:
             node.close()
             raise InvalidParameter("frame", frame, f"left out, or that of {state}: {topics.frame}")
-        self._frame = topics.frame if topics.axes is not None else frame
+        frame = topics.frame if topics.axes is not None else frame
+        self._out = _Out(topics, command, kind, ahead_s=ahead or 2.0 / rate, stamped=stamped, frame=frame)
 
     def read(self) -> Vector:
         if (newest := self._topics.next(0.0)) is not None:
@@ -129,13 +127,45 @@ class Ros2Positions(PositionRobot):
         return self._topics.contact_force()
 
     def move(self, dt: float, position: Vector, velocity: Vector) -> None:
+        if self._out.kind == TWIST:
+            wanted = tuple([
+                v + self._gain * (to - x) for v, to, x in zip(velocity, position, self._x, strict=True)
+            ])  # fmt: skip
+            size = self._most.size(wanted)
+            share = min(1.0, self._most.speed / size) if size else 1.0
+            self._out.twist(tuple([share * part for part in wanted]))
+        else:
+            self._out.position(position)
+
+    def hold(self, dt: float, position: Vector) -> None:
+        if self._out.kind == TWIST:
+            self._out.twist((0.0,) * self.dof)
+        else:
+            self._out.hold(position)
+
+    def close(self) -> None:
+        self._topics.node.close()
+
+
+class _Out:
+    """Publishes set-points.
+
+    topics : of the robot, whose node publishes. topic : of the commands. kind : one of `KINDS`, in full. ahead_s,
+    stamped : of a trajectory. frame : the frame_id.
+    """
+
+    def __init__(self, topics: RosTopics, topic: str, kind: str, *, ahead_s: float, stamped: bool, frame: str) -> None:
+        self.kind: str = kind
+        self._topics, self._topic = topics, topic
+        self._ahead_s, self._stamped, self._frame = ahead_s, stamped, frame
+        self._pose: tuple[Vector, Vector] | None = None
+        self._goes_to: Vector = ()
+
+    def position(self, position: Vector) -> None:
         make = self._topics.node.types.classes
-        if self._kind == TWIST:
-            wanted = [v + self._gain * (to - x) for v, to, x in zip(velocity, position, self._x, strict=True)]
-            self._publish_twist(self._limited(tuple(wanted)))
-        elif self._kind == POSE:
-            self._publish_pose(position)
-        elif self._kind == TRAJECTORY:
+        if self.kind == POSE:
+            self._publish(self._whole_pose(position))
+        elif self.kind == TRAJECTORY:
             stamp = self._header()
             if not self._stamped:
                 stamp.stamp.sec = stamp.stamp.nanosec = 0
@@ -148,29 +178,21 @@ class Ros2Positions(PositionRobot):
             layout = make["std_msgs/msg/MultiArrayLayout"]([], 0)
             self._publish(make[ARRAY](layout, np.array(position)))
 
-    def hold(self, dt: float, position: Vector) -> None:
-        if self._kind == TWIST:
-            self._publish_twist((0.0,) * self.dof)
-        elif self._kind != TRAJECTORY or self._goes_to is None or distance(self.dof, position, self._goes_to) > SAME:
-            self.move(dt, position, (0.0,) * self.dof)  # a trajectory that ends there is not begun again
+    def hold(self, position: Vector) -> None:
+        """Publish the set-point again. A trajectory that ends there is not begun again: it would take longer."""
+        goes = self._goes_to
+        if not goes or distance(len(position), position, goes) > SAME:
+            self.position(position)
 
-    def close(self) -> None:
-        self._topics.node.close()
-
-    def _limited(self, velocity: Vector) -> Vector:
-        size = self._most.size(velocity)
-        share = min(1.0, self._most.speed / size) if size else 1.0
-        return tuple([share * part for part in velocity])
-
-    def _publish_twist(self, velocity: Vector) -> None:
+    def twist(self, velocity: Vector) -> None:
         make, axes = self._topics.node.types.classes, self._topics.axes
         assert axes is not None, "a twist has no joints"
         vector = make["geometry_msgs/msg/Vector3"]
         twist = make["geometry_msgs/msg/Twist"](vector(*axes.spread(velocity)), vector(0.0, 0.0, 0.0))
         self._publish(make[TWIST](self._header(), twist))
 
-    def _publish_pose(self, position: Vector) -> None:
-        """Publish the set-point. What is not led, other axes and the orientation, stays as at the first set-point."""
+    def _whole_pose(self, position: Vector) -> Any:
+        """The set-point as a pose. Other axes and the orientation stay as they were at the first set-point."""
         topics = self._topics
         make, axes = topics.node.types.classes, topics.axes
         if self._pose is None:
@@ -179,18 +201,18 @@ class Ros2Positions(PositionRobot):
             self._pose = topics.place, turned
         (place, (w, x, y, z)) = self._pose
         assert axes is not None, "a pose has no joints"
-        led = axes.spread((1.0,) * self.dof)
+        led = axes.spread((1.0,) * len(position))
         whole = [to if part else stays for to, part, stays in zip(axes.spread(position), led, place, strict=True)]
         pose = make["geometry_msgs/msg/Pose"](
             make["geometry_msgs/msg/Point"](*whole), make["geometry_msgs/msg/Quaternion"](x, y, z, w)
         )
-        self._publish(make[POSE](self._header(), pose))
+        return make[POSE](self._header(), pose)
 
     def _header(self) -> Any:
         return header(self._topics.node, self._frame)
 
     def _publish(self, message: Any) -> None:
-        self._topics.node.publish(self._command, self._kind, message)
+        self._topics.node.publish(self._topic, self.kind, message)
 
 
 def _amount(name: str, text: str) -> float | None:

@@ -1,4 +1,4 @@
-"""What comes from a robot or a device on topics of ROS 2: its positions, its orientation and its forces.
+"""The topics on which a robot or a device of ROS 2 publishes its positions, its orientation and its forces.
 
 `wait` gives the next state. So a driver can answer each state with one command, and the account counts each force
 over the interval between two positions in which it acted.
@@ -143,7 +143,7 @@ class RosTopics:
 
     @property
     def silence(self) -> str:
-        """What is missing, in words, with the counts of unused messages."""
+        """A text that names the silent topic, with the counts of unused messages."""
         unused = self._states.unused
         return f"nothing new on {self._state}" + (f" ({unused} so far)" if unused else "")
 

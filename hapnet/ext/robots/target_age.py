@@ -10,34 +10,39 @@ from __future__ import annotations
 
 import math
 
+from hapnet.side.content import NANO
+
 WINDOW_S = 2.0
 """The shortest transit is that of the last one to two windows [s]."""
 
 
 class TargetAge:
-    """What is known of the leader's set-points.
+    """The times of the leader's set-points, and whether it leads.
 
     Attributes
     ----------
-    leads : whether the leader reports that it leads. stopped : whether it was stopped for good.
+    leads : whether the leader reports that it leads.
+    stopped : whether it was stopped for good.
     """
 
     def __init__(self) -> None:
-        self.leads, self.stopped = True, False
-        self._ago_s = math.inf
-        self._transit_s = math.nan
+        self.leads: bool = True
+        self.stopped: bool = False
+        self._ago_s = self._transit_s = math.inf
         self._shortest = [math.inf, math.inf]
         self._ends_s = -math.inf
 
-    def hear(self, now_s: float, came_s: float, transit_s: float) -> None:
-        """Enter when the newest set-point came [s], and its transit [s]; NaN: there is none yet."""
-        self._ago_s = math.inf if math.isnan(transit_s) else now_s - came_s
-        self._transit_s = transit_s
+    def hear(self, now_ns: int, came_ns: int, took_ns: int) -> None:
+        """Enter when the newest set-point came, and the time that it took [ns]; below 0: none came yet."""
+        now_s = now_ns * NANO
         if now_s >= self._ends_s:
             self._ends_s = now_s + WINDOW_S
             self._shortest = [self._shortest[1], math.inf]
-        if transit_s < self._shortest[1]:
-            self._shortest[1] = transit_s
+        if took_ns < 0:
+            self._ago_s = math.inf
+            return
+        self._ago_s, self._transit_s = (now_ns - came_ns) * NANO, took_ns * NANO
+        self._shortest[1] = min(self._shortest[1], self._transit_s)
 
     def why(self, watchdog_s: float) -> str:
         """Why the robot must not follow the newest set-point; empty: it may."""

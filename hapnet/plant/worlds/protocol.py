@@ -108,9 +108,9 @@ class WorldDefaults(Protocol):
         """Stop and release what it moves. Called after the last step; may be called again."""
         return
 
-    def heard(self, now_s: float, came_s: float, transit_s: float) -> None:
-        """Receive, before each step of a robot's world, when the leader's newest position came [s], and its transit
-        [s]; NaN: there is none yet."""
+    def heard(self, now_ns: int, came_ns: int, took_ns: int) -> None:
+        """Receive the time before each step of a robot's world, when the leader's newest position came, and the time
+        that it took [ns]; below 0: none came yet."""
         return
 
     def signal(self, name: str, value: Signal) -> None:
