@@ -11,10 +11,11 @@ pytest.importorskip("rosbags.typesys")
 pytest.importorskip("xxhash")
 
 from hapnet import simulate
-from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
 from hapnet.ext.engines.observer import Observer
 from hapnet.ext.robots.position_robot import SetPointLimits
 from hapnet.ext.robots.position_world import PositionWorld
+from hapnet.ext.robots.ros2_positions import Ros2Positions
 from hapnet.ext.robots.target_age import TargetAge
 from tests.conftest import mostly_slow
 from tests.support.position_rig import MS, Cut, PositionRig, cut
@@ -143,12 +144,43 @@ def test_a_robot_that_is_elsewhere_at_the_first_step_is_refused(monkeypatch: pyt
     assert rig.network.published, "without the check it is thrown"
 
 
+def test_nothing_is_sent_before_a_position_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = PositionRig("PoseStamped", 100.0)
+    while rig.world.origin_ns is None:
+        rig.run(rig.now_ns // MS + 1)
+    rig.network.interrupt("lost")
+    rig.run(rig.now_ns // MS + 25)
+    before = len(rig.network.published)
+    rig.run(rig.now_ns // MS + 100)
+    holds = {round(x, 9) for x in asked(rig)[before:]}
+    assert len(holds) == 1
+
+    silent = PositionRig("PoseStamped", 100.0)
+    monkeypatch.setattr(Ros2Positions, "read", raises)
+    monkeypatch.setattr("hapnet.ext.robots.position_world.TRIES", 2)
+    with pytest.raises(HapnetError, match="gives no position at the start: a test keeps it silent"):
+        silent.run(200)
+    assert not silent.network.published
+
+
+def raises(robot: Ros2Positions) -> None:
+    raise DeviceSilent("a test keeps it silent")
+
+
+def asked(rig: PositionRig) -> list[float]:
+    messages = [STORE.deserialize_cdr(data, rig.controller.kind) for _, data in rig.network.published]
+    return [rig.controller.asked(message)[0] for message in messages]
+
+
 def test_a_robot_that_is_moved_by_hand_is_not_pulled_back() -> None:
     rig = PositionRig("PoseStamped", 100.0)
     rig.run(500)
     rig.controller.position += 0.15
     with pytest.raises(HapnetError, match=r"from its set-point; allowed: 0\.1 m"):
         rig.run(520)
+    rig.world.scene.close()
+    before, last = asked(rig)[-2:]
+    assert last - before > 0.1, "it stays where it is"
 
 
 @pytest.mark.parametrize("kind", CONTROLLERS)
@@ -195,6 +227,20 @@ def test_what_stops_a_robot_stops_this_one(cause: str, on_stop: str) -> None:
     again = np.array([one.position[0] for one in rig.controller.executed[since:]])
     assert np.abs(np.diff(again)).max() <= rig.step
     assert (np.ptp(again) > 0.02) == (not cause.startswith("remote")), "a remote stop is for good"
+
+
+def test_another_leader_leads_after_one_that_had_released_it() -> None:
+    rig = PositionRig("PoseStamped", 100.0)
+    rig.run(700)
+    rig.held = False
+    rig.run(1000)
+    rig.held = True
+    rig.begin_leader(7)
+    since = len(rig.controller.executed)
+    rig.run(5000)
+    places = [one.position[0] for one in rig.controller.executed[since:]]
+    assert np.abs(np.diff(places)).max() <= rig.step
+    assert np.ptp(places) > 0.02
 
 
 class Arm:

@@ -60,20 +60,23 @@ class PositionRig:
             "sampled",
         )  # fmt: skip
         self.samples: list[Sample] = []
-        self.leader = DeviceEndpoint(device_session(self.setup, 5))
         self.far = WorldEndpoint(world_session(self.setup, 6))
-        device = device_side(self.setup, self.leader, self._clock, self.samples.append)
-        assert isinstance(device, SampledDeviceSide)
-        self.device = device
         self.held = self.linked = True
-        device.is_held = lambda t: self.held
         self.world = world_side(self.setup, self.far, np.random.default_rng(seed), self.samples.append)
-        self.ports = [
-            LinkPort(self.leader, Link(self.setup.up, seed=seed)),
-            LinkPort(self.far, Link(self.setup.down, seed=seed + 1)),
-        ]  # fmt: skip
+        down = LinkPort(self.far, Link(self.setup.down, seed=seed + 1))
+        self.ports = [down, down]
+        self.begin_leader(5)
         self._due_ns = 0
         self.kept: list[tuple[Any, LinkPort]] = []
+
+    def begin_leader(self, incarnation: int) -> None:
+        """A process of a leader begins, in place of the last one."""
+        self.leader = DeviceEndpoint(device_session(self.setup, incarnation))
+        device = device_side(self.setup, self.leader, self._clock, self.samples.append)
+        assert isinstance(device, SampledDeviceSide)
+        device.is_held = lambda t: self.held
+        self.device = device
+        self.ports[0] = LinkPort(self.leader, Link(self.setup.up, seed=incarnation))
 
     def _clock(self) -> int:
         return self.now_ns

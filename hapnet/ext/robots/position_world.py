@@ -15,6 +15,7 @@ never runs ahead of the set-point.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
@@ -35,6 +36,10 @@ from hapnet.wire.signals import LEADS, STOP
 
 FAR = 2.0
 """The distance of the robot from its set-point at which the run ends, in units of the limit of the lag."""
+
+
+TRIES = 100
+"""The number of periods within which the first position must come."""
 
 
 class PositionWorld(ObservedWorld):
@@ -63,14 +68,18 @@ class PositionWorld(ObservedWorld):
     # -- the robot -------------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        if self._robot is None:
-            robot = self._make()
+        if self._robot is not None:
+            return
+        self._robot = robot = self._make()
+        try:
             check_axes(self.name, robot, self.dof, self.units)
             self._limits = SetPointLimits.of(robot)
-            self._robot = robot
+            self._wait_for_position()
             if self._needs_force and self._sensed() is None:
-                self.close()
                 raise HapnetError(f"the robot {self.name} measures no force, which follower.feedback=force needs")
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         robot, self._robot = self._robot, None
@@ -87,11 +96,20 @@ class PositionWorld(ObservedWorld):
     def towards(self, position: Vector) -> Vector:
         """The measured position, whatever `position` is: there the proxy starts, and so does the set-point."""
         self.open()
-        try:
+        with suppress(DeviceSilent):  # then the last one; the first step checks it
             self._read()
-        except DeviceSilent as error:
-            raise HapnetError(f"the robot {self.name} gives no position at the start: {error}") from None
         return self._frame.coupled(self._measured)
+
+    def _wait_for_position(self) -> None:
+        """Read the first position. Raises HapnetError: there is none within some periods."""
+        for _ in range(TRIES):
+            try:
+                self._read()
+                return
+            except DeviceSilent as error:
+                why = str(error)
+            time.sleep(1.0 / self._limits.rate_hz)
+        raise HapnetError(f"the robot {self.name} gives no position at the start: {why}")
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass:
         return _PlacedMass(mass, damping, stiffness, self.start)
@@ -107,7 +125,7 @@ class PositionWorld(ObservedWorld):
 
     def signal(self, name: str, value: Signal) -> None:
         if name == LEADS and isinstance(value, bool):
-            self._age.leads = value
+            self._age.lead(value)
         elif name == STOP:
             self._age.stopped = True
 
@@ -137,6 +155,8 @@ class PositionWorld(ObservedWorld):
             slower = share * mean
             applied, mean = applied + np.linalg.solve(G, slower - mean), slower
         moved = tuple(mean.tolist())
+        if silent and self._target is None:
+            return tuple(applied.tolist()), list(moved)  # no set-point before its first position is checked
         self._target = tuple([own + frame.motion * dt * one for own, one in zip(begun, moved, strict=True)])
         with suppress(DeviceSilent):
             self._send(self._robot, dt, None if self._why else _scaled(frame.motion, moved))
@@ -158,12 +178,12 @@ class PositionWorld(ObservedWorld):
                     f"{limits.step:g} {unit}, a step. Let it stand still, and check units, axes and frame"
                 )
         elif apart > FAR * limits.lag:
+            self._target = self._measured  # it stays where it is
             self._fail(f"it is {apart:.3g} {unit} from its set-point; allowed: {FAR * limits.lag:g} {unit}. "
                        "Something moved it, or it did not move")  # fmt: skip
         return ""
 
     def _fail(self, why: str) -> NoReturn:
-        self._target = None  # no last command: it would be a jump
         raise HapnetError(f"the robot {self.name} is stopped: {why}")
 
     def _stalled(self, dt: float) -> str:

@@ -21,19 +21,25 @@ class TargetAge:
 
     Attributes
     ----------
-    leads : whether the leader reports that it leads.
     stopped : whether it was stopped for good.
     """
 
     def __init__(self) -> None:
-        self.leads: bool = True
         self.stopped: bool = False
+        self._leads, self._released_ns = True, -1
         self._ago_s = self._transit_s = math.inf
         self._shortest = [math.inf, math.inf]
         self._ends_s = -math.inf
 
+    def lead(self, leads: bool) -> None:
+        """Enter whether the leader leads, as it reports."""
+        self._leads, self._released_ns = leads, -1
+
     def hear(self, now_ns: int, came_ns: int, took_ns: int) -> None:
         """Enter when the newest set-point came, and the time that it took [ns]; below 0: none came yet."""
+        if not self._leads:  # nothing is used of a released leader, so what is used is another leader's
+            self._leads = -1 < self._released_ns != came_ns
+            self._released_ns = came_ns
         now_s = now_ns * NANO
         if now_s >= self._ends_s:
             self._ends_s = now_s + WINDOW_S
@@ -48,7 +54,7 @@ class TargetAge:
         """Why the robot must not follow the newest set-point; empty: it may."""
         if self.stopped:
             return "holds: it was stopped"
-        if not self.leads:
+        if not self._leads:
             return "holds: its leader has released it"
         if self._ago_s > watchdog_s:
             return "holds: its leader is silent"
