@@ -35,8 +35,8 @@ def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
     found = load(parameter, target, allowed(), ("simulated", *ARMS, *known()))
     if not callable(found):
         raise InvalidParameter(parameter, name, allowed())
-    if (variant := getattr(found, "variant", None)) is not None:
-        found = variant(words)
+    if (chosen := getattr(found, "class_for_options", None)) is not None:
+        found = chosen(words)
     made: Callable[..., Any] = partial(found, **options(name, found, words)) if words else found
     if why := _unusable(found, made, takes_positions=parameter == FOLLOWER and is_position_robot(found)):
         raise InvalidParameter(parameter, name, allowed(), why=why)

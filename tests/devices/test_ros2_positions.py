@@ -87,10 +87,10 @@ def unexplained(led: Any, hz: float) -> float:
 def test_the_type_of_the_command_chooses_the_class() -> None:
     made = load_class("ros2:/s,command=/c,type=TwistStamped,axes=x", FOLLOWER)
     assert made.func is Ros2Positions  # type: ignore[attr-defined]
-    assert all(Ros2.variant(f"command=/c,type={kind}") is Ros2Positions for kind in KINDS)
-    assert Ros2.variant("command=/c") is Ros2.variant("type=WrenchStamped") is Ros2
+    assert all(Ros2.class_for_options(f"command=/c,type={kind}") is Ros2Positions for kind in KINDS)
+    assert Ros2.class_for_options("command=/c") is Ros2.class_for_options("type=WrenchStamped") is Ros2
     with pytest.raises(InvalidParameter, match=r"type is 'Twist'; allowed: WrenchStamped, .*Float64MultiArray"):
-        Ros2.variant("command=/c,type=Twist")
+        Ros2.class_for_options("command=/c,type=Twist")
     with pytest.raises(InvalidParameter, match=r"takes positions, so it can only follow: --follower"):
         load_class("ros2:/s,command=/c,type=TwistStamped")
 

@@ -74,7 +74,7 @@ class Ros2(Driver):
         self._topics = RosTopics(dof, names, RosNode("hapnet", domain=domain, router=router))
 
     @classmethod
-    def variant(cls, options: str) -> type[Any]:
+    def class_for_options(cls, options: str) -> type[Any]:
         """The class of a device with these options: a robot that takes positions if `type` is one of their types.
 
         Raises InvalidParameter: there is no such type.
