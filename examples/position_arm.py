@@ -1,7 +1,7 @@
-"""A position-controlled arm as the world: it takes 30 to 100 positions a second. Inverse kinematics by mink.
+"""A position-controlled arm follows: it takes 50 positions a second. Inverse kinematics by mink.
 
 pip install mujoco mink daqp
-hapnet play --scene examples.position_arm:Arm              # the mouse is the hand
+hapnet play --follower examples.position_arm:Arm --scene free --dof 3        # the mouse is the hand
 python examples/position_arm.py                            # energy taken by damping: the arm's own loop is not passive
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from numpy import array, zeros
 
-from hapnet import HapnetError, Params, simulate
+from hapnet import HapnetError, Params, PositionRobot, simulate
 
 Vector = tuple[float, ...]
 
@@ -26,32 +26,36 @@ MODEL = """<mujoco><option gravity="0 0 0" timestep="0.001"/><default>
 <actuator><position joint="a"/><position joint="b"/><position joint="c"/></actuator></mujoco>"""
 
 
-class Arm:
-    """A simulated arm. For a real arm, `step` commands `position` and returns the measured force on the tool."""
+class Arm(PositionRobot):
+    """A simulated arm. For a real arm, `read` and `contact_force` return what it measures, and `move` commands it."""
 
-    dof, robot = 3, True  # `robot`: it stops when its leader lets go, and continues from there
-    min_s, max_s = 0.01, 0.033  # from one set-point to the next
+    simulated, rate_hz = True, 50.0  # so it runs in virtual time too; `move` is called so often
+    speed_limit, step_limit = 0.5, 0.02  # [m/s], [m]
 
-    def __init__(self) -> None:
+    def __init__(self, dof: int = 3) -> None:
+        self.dof = dof
         try:
             self._mujoco, self._mink = import_module("mujoco"), import_module("mink")
         except ModuleNotFoundError as error:
-            raise HapnetError(f"this world needs {error.name}: pip install mujoco mink daqp") from None
+            raise HapnetError(f"this robot needs {error.name}: pip install mujoco mink daqp") from None
         self._model: Any = self._mujoco.MjModel.from_xml_string(MODEL)
         self._data: Any = self._mujoco.MjData(self._model)
         self._arm: Any = self._mink.Configuration(self._model)
         self._task: Any = self._mink.FrameTask("tip", "body", position_cost=1.0, orientation_cost=0.0, lm_damping=1e-6)
+        self._mujoco.mj_forward(self._model, self._data)
 
-    def step(self, dt: float, position: Vector, velocity: Vector) -> Vector:
+    def read(self) -> Vector:
+        return tuple(self._data.body("tip").xpos.tolist())
+
+    def move(self, dt: float, position: Vector, velocity: Vector) -> None:
         self._task.set_target(self._mink.SE3.from_translation(array(position)))
         for _ in range(4):  # iterate, because the kinematics are not linear
             self._arm.integrate_inplace(self._mink.solve_ik(self._arm, [self._task], 1.0, "daqp", 1e-9), 1.0)
         self._data.ctrl[:] = self._arm.q
         for _ in range(round(dt / self._model.opt.timestep)):
             self._mujoco.mj_step(self._model, self._data)
-        return self._touch()
 
-    def _touch(self) -> Vector:
+    def contact_force(self) -> Vector:
         """Force of the foam on the tip [N], in the world's axes."""
         total, found = zeros(3), zeros(6)
         for k, contact in enumerate(self._data.contact):
@@ -63,7 +67,8 @@ class Arm:
 
 def main() -> None:
     link = {"link.up": "4g", "link.down": "4g"}
-    params = Params().set({"scene": f"{__name__}:Arm", "operator": "press", "duration_s": 6.0, **link})
+    robot = {"follower.robot": f"{__name__}:Arm", "scene": "free", "dof": 3}
+    params = Params().set({**robot, "operator": "press", "duration_s": 6.0, **link})
     result = simulate(params, seed=1)
     world, own = result.recording.world, result.summary["environment"]
     assert world is not None

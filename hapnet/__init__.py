@@ -24,7 +24,8 @@ The public names, which stay stable:
   `Engine`: the protocol of a physics engine that integrates the body in the hand; `EngineWorld`: a world with one.
   `World` and its `Surroundings`: the protocols of any other world.
 * `Device`: the protocol of your own device. It needs no base class; `Driver` is one, with a default for each part
-  that is optional. A device raises `DeviceSilent` if there is no reading.
+  that is optional. A device raises `DeviceSilent` if there is no reading. `PositionRobot`: the same for a robot that
+  takes positions.
 * `CouplingSpec`: your own coupling. `held_law` and `stepped_law` make its two ends from your functions of a
   `CouplingStart` (`hapnet.control.coupling` defines a law's methods); `parameter`s make its own section.
 * `SetPositionModulator`, `PassiveIntegrator`: the paper's two laws, for your own servo or world loop.
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from hapnet.ext.engines.force_world import ForceWorld as ForceWorld
     from hapnet.ext.engines.obstacle import Obstacle as Obstacle
     from hapnet.ext.pictures.report import Report as Report, report as report
+    from hapnet.ext.robots.position_robot import PositionRobot as PositionRobot
     from hapnet.ext.solids.shapes import Cuboid as Cuboid, Sphere as Sphere
     from hapnet.ext.study.comparison import Comparison as Comparison, compare as compare
     from hapnet.ext.study.sweep import SweepResult as SweepResult, sweep as sweep
@@ -115,6 +117,7 @@ _NAMES = {
     "hapnet.recording.mcap": "read_recording",
     "hapnet.recording.samples": "Recording",
     "hapnet.ext.pictures.report": "Report report",
+    "hapnet.ext.robots.position_robot": "PositionRobot",
     "hapnet.side.notices": "Notice",
     "hapnet.simulation.batch": "simulate_batch",
     "hapnet.simulation.result": "Result",

@@ -15,6 +15,8 @@ from hapnet.params import ARMS, DeviceParams, is_simulated
 from hapnet.plant.device import Device
 from hapnet.plant.operating_range import SPEED_MPS, NamedValue, OperatingRange, operating_range
 
+FOLLOWER = "follower.robot"
+
 
 def allowed() -> str:
     """The allowed names and forms of a device, as text."""
@@ -33,16 +35,29 @@ def load_class(name: str, parameter: str = "hardware") -> Callable[..., Any]:
     found = load(parameter, target, allowed(), ("simulated", *ARMS, *known()))
     if not callable(found):
         raise InvalidParameter(parameter, name, allowed())
+    if (chosen := getattr(found, "class_for_options", None)) is not None:
+        found = chosen(words)
     made: Callable[..., Any] = partial(found, **options(name, found, words)) if words else found
-    if why := _unusable(found, made):
+    if why := _unusable(found, made, takes_positions=parameter == FOLLOWER and is_position_robot(found)):
         raise InvalidParameter(parameter, name, allowed(), why=why)
     return made
 
 
-def _unusable(found: Callable[..., Any], made: Callable[..., Any]) -> str:
-    """The reason why a class cannot be a device, as far as that is known before it is made; empty: none."""
+def is_position_robot(made: Callable[..., Any]) -> bool:
+    """Whether a class makes robots that take positions: it has a method `move`, and no `apply`."""
+    return callable(declared(made, "move")) and not callable(declared(made, "apply"))
+
+
+def _unusable(found: Callable[..., Any], made: Callable[..., Any], *, takes_positions: bool) -> str:
+    """The reason why a class cannot be a device, as far as that is known before it is made; empty: none.
+
+    takes_positions : whether it is to be a robot that takes positions.
+    """
     if isinstance(found, type) and not hasattr(found, "__getattr__"):
-        lacks = [method for method in ("read", "apply") if not callable(getattr(found, method, None))]
+        gives = "move" if takes_positions else "apply"
+        lacks = [method for method in ("read", gives) if not callable(getattr(found, method, None))]
+        if lacks and lacks == ["apply"] and is_position_robot(found):
+            return f"the class {found.__name__} takes positions, so it can only follow: --follower"
         if lacks:
             return f"the class {found.__name__} has no method {' and no method '.join(lacks)}"
     try:

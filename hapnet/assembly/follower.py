@@ -41,6 +41,10 @@ class Follower:
         """Whether the robot's force is held from tick to tick."""
         return False
 
+    def is_driven(self, params: Params) -> bool:
+        """Whether a driver holds the robot's force, so that the world's side is a robot's side."""
+        return False
+
     def arms(self, params: Params) -> Arms | None:
         """The conversion of a tool's pose from the servo's to the link's coordinates (`hapnet.mechanics.pose_frame`);
         None: they are the same."""
@@ -77,5 +81,5 @@ def follower_of(params: Params) -> Follower:
     """Return the follower in the virtual mass's place with these parameters."""
     if not follows(params):
         return _NONE
-    robot: Follower = extension("robots").ROBOT
+    robot: Follower = extension("robots").follower_of(params)
     return robot

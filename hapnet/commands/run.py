@@ -188,14 +188,13 @@ def check_sides(setup: Setup) -> None:
 
     from hapnet.assembly.build import device_session, device_side, world_session, world_side
     from hapnet.assembly.device_class import load_class
-    from hapnet.params import is_real_robot
     from hapnet.side.endpoint import DeviceEndpoint, WorldEndpoint
 
     if is_simulated(setup.params.hardware):
         device_side(setup, DeviceEndpoint(device_session(setup, 1)), time.monotonic_ns, lambda sample: None)
     else:
         load_class(setup.params.hardware)
-    if is_real_robot(setup.params):
+    if setup.follower.is_driven(setup.params):
         load_class(setup.params.follower.robot, "follower.robot")
     world_side(setup, WorldEndpoint(world_session(setup, 1)), np.random.default_rng(0), lambda sample: None)
 

@@ -300,7 +300,9 @@ def _endpoints(name: str, given: object) -> tuple[str, ...]:
 
 
 def _is_device(part: object) -> bool:
-    return not isinstance(part, type) and all(hasattr(part, name) for name in ("dof", "read", "apply"))
+    return not isinstance(part, type) and any(
+        all(hasattr(part, name) for name in ("dof", "read", command)) for command in ("apply", "move")
+    )
 
 
 def _named(names: ExitStack, name: str, part: object, allowed: str, is_made: Callable[[object], bool]) -> str:

@@ -195,6 +195,7 @@ class ThreadedWorld:
         self._coupling = setup.params.coupling
         self._send, self._wake = callbacks.send, callbacks.wake
         self._stepper: StepLoop = steps(self._step, callbacks.fail, clock)
+        self.side.scene.open()
 
     @property
     def origin_ns(self) -> int | None:
@@ -206,6 +207,7 @@ class ThreadedWorld:
 
     def stop(self) -> None:
         self._stepper.stop()
+        self.side.scene.close()
 
     def pause(self, paused: bool) -> None:
         self.side.paused = paused

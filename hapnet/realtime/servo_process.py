@@ -25,7 +25,6 @@ from hapnet.control.coupling import CouplingSample
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.loading import LENT, extension
 from hapnet.param_sources import RULE
-from hapnet.params import is_real_robot
 from hapnet.processes.start import (
     LOOK_S,
     LOOKS,
@@ -300,7 +299,7 @@ def control_of(
     """
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
-        if is_real_robot(setup.params):
+        if setup.follower.is_driven(setup.params):
             return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps), steps=make_steps)
     session = device_session(setup, incarnation, secret=secret)

@@ -117,6 +117,9 @@ class WorldSide:
             dt = (now_ns - self.stepped.began_ns) * NANO
             self.stepped.began_ns = now_ns
             return endpoint.step(now_ns, dt, mass.position, mass.kinetic_J, 0.0, 0.0)
+        if self.scene.robot:
+            used = endpoint.in_use
+            self.scene.heard(now_ns, used.came_ns, used.took_ns)
         message: bytes | None = step(self, endpoint, now_ns)
         self._record(now_ns)
         return message

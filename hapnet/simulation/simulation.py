@@ -79,7 +79,7 @@ class Simulation:
         if not is_simulated(params.hardware):
             allowed = "simulated, omni or arm:FILE.urdf: a real device does not run in virtual time"
             raise InvalidParameter("hardware", params.hardware, allowed)
-        if is_real_robot(params):
+        if is_real_robot(params) and not extension("robots").runs_in_virtual_time(params):
             raise InvalidParameter("follower.robot", params.follower.robot, "none or simulated in virtual time")
         self.seed = seed
         if params.operator == LIVE:

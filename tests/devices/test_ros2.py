@@ -98,7 +98,7 @@ def test_its_contact_force_is_a_topics_in_the_frame_of_its_pose(
         until(lambda: moving(robot) is not None and robot.contact_force() is None)
     finally:
         robot.close()
-    monkeypatch.setattr("hapnet.ext.robots.ros2._START_S", 0.5)
+    monkeypatch.setattr("hapnet.ext.robots.ros2_topics.START_S", 0.5)
     with pytest.raises(HapnetError, match=r"nothing on /arm/contact within 0.5 s but .*bad"):
         Ros2(2, STATE, contact="/arm/contact", router=address)
 
@@ -116,11 +116,11 @@ def test_a_contact_topic_that_is_slower_than_the_states_says_its_rate(
         until(lambda: moving(robot) is not None and robot.contact_force() == (4.0, 5.0, 6.0))
         for at_ns, stands in ((began_ns + 590_000_000, True), (time.monotonic_ns() + 610_000_000, False)):
             with monkeypatch.context() as later:  # it came between the two, and stands for 0.6 s
-                later.setattr("hapnet.ext.robots.ros2.time.monotonic_ns", lambda at_ns=at_ns: at_ns)
+                later.setattr(robot._topics, "_clock", lambda at_ns=at_ns: at_ns)
                 assert (robot.contact_force() is not None) == stands
     finally:
         robot.close()
-    monkeypatch.setattr("hapnet.ext.robots.ros2._START_S", 1.0)
+    monkeypatch.setattr("hapnet.ext.robots.ros2_topics.START_S", 1.0)
     with pytest.raises(HapnetError, match=r"within 1 s but .*late, or slower than 100 Hz: contact_rate$"):
         Ros2(3, STATE, contact="/arm/contact", router=address)
     with pytest.raises(InvalidParameter, match=r"contact_rate is 0\.5; allowed: 1 to 1000 Hz"):

@@ -24,7 +24,7 @@ from netem import Link, LinkProfile
 
 MS = 1_000_000
 ONE_WAY_MS = 40
-KINDS = ("simulated", "mujoco", "driver", "position arm", "lerobot", "ros 2")
+KINDS = ("simulated", "mujoco", "driver", "position arm", "lerobot", "ros 2", "takes positions")
 CAUSES = ("dead-man", "remote stop", "closed page", "silent leader")
 
 MODEL = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody><body name="tip">
@@ -90,6 +90,23 @@ class Tied(TakesPositions):
     ties = 200.0
 
 
+class Follows:
+    """A follower that takes positions, 100 times a second, and is 30 ms late."""
+
+    simulated, rate_hz = True, 100.0
+    newest: Follows
+
+    def __init__(self, dof: int) -> None:
+        self.dof, self.x = dof, 0.1
+        Follows.newest = self
+
+    def read(self) -> Vector:
+        return (self.x,)
+
+    def move(self, dt: float, position: Vector, velocity: Vector) -> None:
+        self.x += (position[0] - self.x) * min(1.0, dt / 0.03)
+
+
 class Rig:
     """A leader that a simulated hand moves, its robot, and an ideal clock of 1 ms."""
 
@@ -98,6 +115,7 @@ class Rig:
                   "position arm": f"{__name__}:TakesPositions", "lerobot": f"{__name__}:Tied"}  # fmt: skip
         robots = {
             "driver": f"{__name__}:Arm", "ros 2": f"{__name__}:BehindTopics", "position arm": "none", "lerobot": "none",
+            "takes positions": f"{__name__}:Follows",
         }  # fmt: skip
         (folder / "arm.xml").write_text(MODEL, encoding="utf-8")
         self.now_ns = Arm.now_ns = 0
@@ -132,6 +150,9 @@ class Rig:
             takes = kind in ("position arm", "lerobot")
             self.place = (lambda: TakesPositions.newest.x) if takes else (lambda: side.mass.position[0])
             self._every = 20 if takes else 1
+            if kind == "takes positions":
+                side.scene.open()
+                self.place, self._every = (lambda: Follows.newest.x), 10
         self.ports = [
             LinkPort(self.leader, Link(self.setup.up, seed=seed)),
             LinkPort(self.far, Link(self.setup.down, seed=seed + 1)),

@@ -26,7 +26,7 @@ from tests.conftest import ENVIRONMENT, ROOT, mostly_slow
 from tests.support.processes import started
 
 EXAMPLES = {file.stem: file for file in sorted((ROOT / "examples").glob("*.py"))}
-LONG = {"pantograph": 110, "bullet_world": 138, "position_arm": 76}
+LONG = {"pantograph": 110, "bullet_world": 138, "position_arm": 81}
 """A linkage, its driver, and what moves it; a whole physics engine; an arm, its model and its kinematics."""
 
 NUMBER = r"(-?\d+(?:\.\d+)?)"

@@ -24,6 +24,7 @@ from hapnet.devices.driver import Driver
 from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
+from hapnet.ext.robots import following_positions
 from hapnet.ext.robots.follower import Robot, RobotScene
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
@@ -86,6 +87,9 @@ class RobotFollower(Follower):
     def is_held(self, params: Params, spec: CouplingSpec[Any]) -> bool:
         return params.follower.servo != "continuous" and spec.follower is not None
 
+    def is_driven(self, params: Params) -> bool:
+        return is_real_robot(params)
+
     def arms(self, params: Params) -> Arms | None:
         return _arms(params)
 
@@ -114,8 +118,21 @@ class RobotFollower(Follower):
 ROBOT = RobotFollower()
 
 
+def follower_of(params: Params) -> Follower:
+    """The follower of these parameters: of forces, or of positions."""
+    return following_positions.POSITIONS if following_positions.takes_positions(params) else ROBOT
+
+
+def runs_in_virtual_time(params: Params) -> bool:
+    """Whether the user's robot that follows is simulated, so that it needs no real time."""
+    return following_positions.is_simulated(params)
+
+
 def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
     """Raise InvalidParameter for a parameter that does not fit a follower."""
+    if following_positions.takes_positions(params):
+        following_positions.check(params, spec, scene)
+        return
     robot, is_posed, is_real = params.follower, scene.units == POSE, is_real_robot(params)
     held, given = ROBOT.is_held(params, spec), f"in the scene {params.scene}, with pspm or zoh"
     law = f"with the coupling {params.coupling}"
@@ -146,7 +163,7 @@ def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
 def servo_hz(params: Params) -> Choice:
     """The rate of a driver's robot, where that is below the servo's. Raises InvalidParameter: more was set."""
     robot, at_most = params.follower, math.inf
-    if is_real_robot(params):
+    if is_real_robot(params) and not following_positions.takes_positions(params):
         with suppress(InvalidParameter):  # the driver may be on the other host only
             at_most = servo_rate(robot.robot, robot.servo_hz)
     if at_most >= robot.servo_hz:
@@ -157,6 +174,8 @@ def servo_hz(params: Params) -> Choice:
 
 def steps(params: Params) -> Choice:
     """The world's steps, which are the ticks of the robot's servo. Raises InvalidParameter: others were set."""
+    if following_positions.takes_positions(params):
+        return Choice()
     period_s = 1.0 / params.follower.servo_hz
     names = ("world.step_min_s", "world.step_max_s")
     for name in names:
@@ -166,6 +185,8 @@ def steps(params: Params) -> Choice:
 
 def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
     """The scene with the robot in it."""
+    if following_positions.takes_positions(params):
+        return following_positions.place(params, scene)
     robot, held = params.follower, ROBOT.is_held(params, spec)
 
     def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:

@@ -97,6 +97,22 @@ class WorldDefaults(Protocol):
         """The account of its `contacts` from now on, with the proxy at `position` (n,) [m]."""
         return EnvironmentAccount(contacts, position)
 
+    def open(self) -> None:
+        """Open what it moves, such as a robot, before control starts: in the process and the thread that made it.
+
+        Raises HapnetError, InvalidParameter: it cannot be opened.
+        """
+        return
+
+    def close(self) -> None:
+        """Stop and release what it moves. Called after the last step; may be called again."""
+        return
+
+    def heard(self, now_ns: int, came_ns: int, took_ns: int) -> None:
+        """Receive the time before each step of a robot's world, when the leader's newest position came, and the time
+        that it took [ns]; below 0: none came yet."""
+        return
+
     def signal(self, name: str, value: Signal) -> None:
         """Receive a value that the device's side sends beside the stream."""
         return
