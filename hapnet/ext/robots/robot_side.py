@@ -57,7 +57,7 @@ def _following(
         device.device = Fixture(device.device, setup.scene.contacts)
     frame = frame_of(params, setup.units, setup.dof)
     sensor: ContactForce | None = None
-    if robot.feedback == "force":
+    if robot.feedback == "force" or setup.coupling.senses:
         require_contact_force(robot.robot, device)
         sensor = ContactForce(device.contact_force, setup.dof, robot.robot, clock, write)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
