@@ -338,7 +338,14 @@ class Weak(PassiveIntegrator):
 def test_the_mean_force_of_an_engines_robot_did_its_work_and_its_environment_opposes_it() -> None:
     contacts = Contacts((), 1)
     robot = Robot(
-        Weak(0.1, 1.0, 100.0, (0.0,)), contacts, Frame(1.0, 1.0, (0.0,)), Mechanics(), 0.0, held=True, engine=True, here=False
+        Weak(0.1, 1.0, 100.0, (0.0,)),
+        contacts,
+        Frame(1.0, 1.0, (0.0,)),
+        Mechanics(),
+        0.0,
+        held=True,
+        engine=True,
+        here=False,
     )
     done = robot.push(0.1, 0.0, (0.5,), contacts)
     assert done.coupling_force == pytest.approx((0.3,))

@@ -131,7 +131,7 @@ def tune(params: Params, link: Delays) -> Tuning:
         follower_mass_kg=robot.mass,
         leader_friction_Ns_m=known_damping(params),
         follower_friction_Ns_m=robot.own_damping,
-        follower_friction_N=robot.friction_N,
+        follower_friction_N=own.friction_known * robot.friction_N,
     )
 
 

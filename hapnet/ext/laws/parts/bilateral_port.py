@@ -48,6 +48,9 @@ class BilateralParams:
     position_gain: float = parameter(400.0, "four-channel: Kp, on the difference of the positions [1/s^2]", POSITIVE)
     velocity_gain: float = parameter(0.0, "four-channel: Kd [1/s]; 0: critical, 2 sqrt(Kp)", NOT_NEGATIVE)
     force_gain: float = parameter(1.0, "four-channel: Kf, on the sum of the forces; 0: none", NOT_NEGATIVE)
+    friction_known: float = parameter(
+        1.0, "four-channel: share of follower.friction_N that the observer takes for known", NOT_NEGATIVE
+    )
     cutoff_rad_s: float = parameter(150.0, "four-channel: g of the disturbance observers [rad/s]", POSITIVE)
 
 
