@@ -30,7 +30,7 @@ from hapnet.couplings.rendering import largest
 from hapnet.couplings.spec import RENDERED_DAMPING
 from hapnet.errors import RecordingError
 from hapnet.ext.doctor.machine import OK, SKIPPED, WARNING, Check
-from hapnet.ext.doctor.pair_bounds import MARGIN, Loop, Robot, held_loop, largest_stiffness, smallest_rate
+from hapnet.ext.doctor.pair_bounds import MARGIN, LinearRobot, Loop, held_loop, largest_stiffness, smallest_rate
 from hapnet.param_values import flatten
 from hapnet.params import RELAXED_HAND, Params, follows, known_damping
 from hapnet.recording.opened import Recorded, fitting, opened
@@ -54,7 +54,7 @@ class Vibration(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cause:
+class VibrationCause:
     """A cause of a vibration.
 
     hz : the frequency that it would have [Hz]; 0: any. why : in words. settings : what to set, by parameters' names.
@@ -67,8 +67,8 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """What a run says of a pair. friction_N : of the follower, measured [N]; NaN: it did not move enough."""
+class PairMeasures:
+    """The measures of a pair in a run. friction_N : of the follower, measured [N]; NaN: it did not move enough."""
 
     params: Params
     tuning: Mapping[str, Any]
@@ -78,47 +78,47 @@ class Pair:
     contact_N_m: float
 
     @property
-    def leader(self) -> Robot:
+    def leader(self) -> LinearRobot:
         device, own = self.params.device, self.tuning
         hand = (float(RELAXED_HAND[f"operator_model.{name}"]) for name in ("mass", "damping", "stiffness"))
         K = own.get("leader_stiffness_N_m", 0.0) or largest(device.stiffness)
         B = own.get("leader_damping_Ns_m", largest(device.damping))
-        return Robot(device.mass, known_damping(self.params), K, B, device.servo_hz, *hand)
+        return LinearRobot(device.mass, known_damping(self.params), K, B, device.servo_hz, *hand)
 
     @property
-    def follower(self) -> Robot:
+    def follower(self) -> LinearRobot:
         robot, world = self.params.follower, self.params.world
         hz = math.inf if robot.position_servo else robot.servo_hz
-        return Robot(robot.mass, robot.own_damping, largest(world.stiffness), largest(world.damping), hz)
+        return LinearRobot(robot.mass, robot.own_damping, largest(world.stiffness), largest(world.damping), hz)
 
     @property
     def accelerates(self) -> bool:
         """Whether the law controls accelerations, not springs."""
         return "position_gain" in self.tuning
 
-    def causes(self) -> Iterator[Cause]:
+    def causes(self) -> Iterator[VibrationCause]:
         """The causes whose bound is exceeded."""
         yield from self._friction()
         if not self.accelerates:
             yield from self._held()
         yield from self._delay()
 
-    def _friction(self) -> Iterator[Cause]:
+    def _friction(self) -> Iterator[VibrationCause]:
         known = float(self.tuning.get("follower_friction_N", 0.0))
         share = known / self.params.follower.friction_N if self.params.follower.friction_N else 0.0
         if share and math.isfinite(self.friction_N) and known > _KNOWN * self.friction_N:
             advised = share * self.friction_N / known
             why = f"friction: {known:.3g} N are taken for known, {self.friction_N:.3g} N were measured"
-            yield Cause("friction", 0.0, why, {"bilateral.friction_known": advised})
+            yield VibrationCause("friction", 0.0, why, {"bilateral.friction_known": advised})
 
-    def _held(self) -> Iterator[Cause]:
+    def _held(self) -> Iterator[VibrationCause]:
         growth, hz = held_loop(self.leader)
         if growth > 1.0 and (bound := largest_stiffness(self.leader)) < self.leader.stiffness:
             why = (
                 f"stiffness: {self.leader.stiffness:.4g} N/m are above the {bound:.4g} N/m of this device at "
                 f"{self.leader.servo_hz:g} Hz"
             )
-            yield Cause("stiffness", hz, why, {"device.stiffness": bound / MARGIN})
+            yield VibrationCause("stiffness", hz, why, {"device.stiffness": bound / MARGIN})
         growth, hz = held_loop(self.follower)
         if growth > 1.0:
             rate, bound = smallest_rate(self.follower), largest_stiffness(self.follower)
@@ -127,16 +127,16 @@ class Pair:
                 f"{self.follower.stiffness:.4g}"
             )
             settings = {"follower.servo_hz": rate} if math.isfinite(rate) else {"world.stiffness": bound / MARGIN}
-            yield Cause("rate", hz, why, settings)
+            yield VibrationCause("rate", hz, why, settings)
 
-    def _delay(self) -> Iterator[Cause]:
+    def _delay(self) -> Iterator[VibrationCause]:
         trip, spec = self.round_trip_s, coupling(self.params.coupling)
         ms = 1e3 * trip
         if self.accelerates:
             gain = float(self.tuning["position_gain"])
             if trip * math.sqrt(gain) > 1.0:
                 why = f"delay: a round trip of {ms:.0f} ms is long for a position gain of {gain:g} 1/s^2"
-                yield Cause("delay", 0.0, why, {"bilateral.position_gain": trip**-2 / MARGIN})
+                yield VibrationCause("delay", 0.0, why, {"bilateral.position_gain": trip**-2 / MARGIN})
             return
         velocities = "leader_stiffness_N_m" in self.tuning
         for contact in dict.fromkeys((0.0, self.contact_N_m)):
@@ -146,26 +146,27 @@ class Pair:
             if spec.senses:
                 advised = loop.smallest_damping(10.0 * RENDERED_DAMPING)
                 why = f"delay: with a round trip of {ms:.0f} ms a contact of {contact:.4g} N/m is too stiff"
-                yield Cause("delay", loop.hz(), why, {"device.damping": advised} if math.isfinite(advised) else {})
+                settings = {"device.damping": advised} if math.isfinite(advised) else {}
+                yield VibrationCause("delay", loop.hz(), why, settings)
             else:
                 advised = loop.largest_stiffness()
                 why = f"delay: with a round trip of {ms:.0f} ms {self.leader.stiffness:.4g} N/m are too stiff"
-                yield Cause("delay", loop.hz(), why, {"device.stiffness": advised} if advised else {})
+                yield VibrationCause("delay", loop.hz(), why, {"device.stiffness": advised} if advised else {})
             return
 
-    def cause(self) -> Cause | None:
+    def cause(self) -> VibrationCause | None:
         """The cause of the vibration; None: it does not vibrate, or no bound is exceeded."""
         if self.vibration.amplitude_N < FELT_N:
             return None
 
-        def far(one: Cause) -> float:
+        def far(one: VibrationCause) -> float:
             return abs(math.log(one.hz / self.vibration.hz)) if one.hz and self.vibration.hz else 0.0
 
         return min(self.causes(), key=far, default=None)
 
 
-def measured(what: Recorded) -> Pair:
-    """What the recording of a run says of its pair.
+def measured(what: Recorded) -> PairMeasures:
+    """The measures of the pair in the recording of a run.
 
     Raises RecordingError: no robot followed, or a side is missing. InvalidParameter: as `opened`.
     """
@@ -175,7 +176,7 @@ def measured(what: Recorded) -> Pair:
         if not follows(params) or whole.device is None or whole.world is None:
             raise RecordingError("this is no run of a pair: it needs both sides, and a robot that follows (--follower)")
         friction, contact = _mechanics(whole, params)
-        return Pair(params, whole.meta.get("tuning") or {}, _round_trip(whole, params), _vibration(whole),
+        return PairMeasures(params, whole.meta.get("tuning") or {}, _round_trip(whole, params), _vibration(whole),
                     friction, contact)  # fmt: skip
 
 

@@ -25,7 +25,7 @@ _SMALL = 0.3
 
 
 @dataclass(frozen=True)
-class Robot:
+class LinearRobot:
     """A robot with its servo: m [kg], b [Ns/m], K [N/m], B [Ns/m], and its rate 1/T [Hz]; infinite: it is continuous.
 
     hand_kg, hand_Ns_m, hand_N_m : of the hand that holds it loosely, in a loop over the link.
@@ -41,7 +41,7 @@ class Robot:
     hand_N_m: float = 0.0
 
 
-def held_loop(robot: Robot) -> tuple[float, float]:
+def held_loop(robot: LinearRobot) -> tuple[float, float]:
     """The growth in a tick of a free robot on its held spring and damper, and its frequency [Hz].
 
     The robot's motion in a tick is solved exactly: ``m x'' = -b x' - K x_k - B v_k`` with the force held. With a growth
@@ -60,12 +60,12 @@ def held_loop(robot: Robot) -> tuple[float, float]:
     return float(abs(root)), abs(math.atan2(root.imag, root.real)) / (2.0 * math.pi * T)
 
 
-def largest_stiffness(robot: Robot) -> float:
+def largest_stiffness(robot: LinearRobot) -> float:
     """The largest K with which the held loop does not grow [N/m]; 0: there is none."""
     return _largest(lambda K: held_loop(replace(robot, stiffness=K))[0] < 1.0, robot.stiffness)
 
 
-def smallest_rate(robot: Robot) -> float:
+def smallest_rate(robot: LinearRobot) -> float:
     """The lowest rate with which the held loop does not grow, with K larger by `MARGIN` [Hz]; infinite: none does."""
     stiffer = replace(robot, stiffness=MARGIN * robot.stiffness)
     low, high = robot.servo_hz, _MOST_HZ
@@ -86,8 +86,8 @@ class Loop:
     velocities.
     """
 
-    leader: Robot
-    follower: Robot
+    leader: LinearRobot
+    follower: LinearRobot
     round_trip_s: float
     reflects: bool = False
     contact_N_m: float = 0.0

@@ -34,7 +34,7 @@ PART_S = 1e-3
 
 
 class Mechanics(NamedTuple):
-    """What a simulated robot is beside a mass, in its own units.
+    """The friction and the position servo of a simulated robot, in its own units.
 
     damping, friction : of its own [Ns/m], [N]; mass : for its friction [kg]. stiffness, servo_damping : of its position
     servo [N/m], [Ns/m]; 0: it has none.

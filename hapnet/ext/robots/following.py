@@ -205,7 +205,7 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
 
 
 def mechanics(params: Params) -> Mechanics:
-    """What the simulated robot of these parameters is beside a mass."""
+    """The friction and the position servo of the simulated robot of these parameters."""
     robot = params.follower
     servo = (largest(params.world.stiffness), largest(params.world.damping)) if robot.position_servo else (0.0, 0.0)
     return Mechanics(robot.own_damping, robot.friction_N, robot.mass, *servo)

@@ -13,7 +13,7 @@ pays for: y is a set-position like any other, so the port is passive whatever la
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -26,7 +26,7 @@ from hapnet.control.set_position_servo import SampledServo
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.pspm import modulator
 from hapnet.couplings.rendering import largest
-from hapnet.couplings.set_position import held_servo, plain
+from hapnet.couplings.set_position import MakeModulator, held_servo, plain
 from hapnet.couplings.spec import CouplingStart, scalar_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import NOT_NEGATIVE, POSITIVE, parameter
@@ -34,6 +34,9 @@ from hapnet.params import Params
 
 SECTION = "bilateral"
 """The section of `Params` that the bilateral laws share."""
+
+PORTS: Mapping[str, MakeModulator] = {"bare": plain, "pspm": modulator}
+"""The modulators that choose ybar, by the values of `bilateral.port`."""
 
 T = TypeVar("T", bound="BilateralTuning")
 
@@ -43,7 +46,7 @@ class BilateralParams:
     """Bilateral laws between a leader and its follower."""
 
     port: str = parameter(
-        "bare", "bare: a robot gets the law's force; pspm: as far as its energy account pays for it", ("bare", "pspm")
+        "bare", "bare: a robot gets the law's force; pspm: as far as its energy account pays for it", tuple(PORTS)
     )
     position_gain: float = parameter(400.0, "four-channel: Kp, on the difference of the positions [1/s^2]", POSITIVE)
     velocity_gain: float = parameter(0.0, "four-channel: Kd [1/s]; 0: critical, 2 sqrt(Kp)", NOT_NEGATIVE)
@@ -83,7 +86,7 @@ class BilateralEnd(ABC):
     Attributes
     ----------
     x, v : the robot's position [m] and velocity [m/s] at this tick. sensed : the force of its surroundings on it, if it
-    is measured [N]. peer : what the other side sent last; empty: nothing yet.
+    is measured [N]. peer : the other side's last sample; empty: none yet.
     """
 
     def __init__(self, stiffness: float) -> None:
@@ -103,7 +106,7 @@ class BilateralEnd(ABC):
 
     @abstractmethod
     def content(self, level: float | None) -> CouplingSample:
-        """What the other side needs of this one, with the level of this side's reservoir (None: it is not sent)."""
+        """The sample that the other side needs, with the level of this side's reservoir (None: it is not sent)."""
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         self.peer = vector_of(sample)
@@ -174,7 +177,7 @@ def tune(params: Params, link: Delays) -> BilateralTuning:
 
 def covers(params: Params, tuning: BilateralTuning, virtual: bool) -> bool:
     """True behind PSPM, with the measured harvest."""
-    return tuning.port == "pspm" and params.device.harvest != "range"
+    return PORTS[tuning.port] is modulator and params.device.harvest != "range"
 
 
 def leader(make: Callable[[CouplingStart[T]], BilateralEnd]) -> Callable[[CouplingStart[T]], DeviceCoupling]:
@@ -201,7 +204,7 @@ S = TypeVar("S", bound=SampledServo)
 
 def _servo(start: CouplingStart[Any], law: BilateralEnd, damping: float, kind: Callable[..., S]) -> S:
     params = start.params.set({"device.stiffness": law.stiffness, "device.damping": damping})
-    port = modulator if start.tuning.port == "pspm" else plain
+    port = PORTS[start.tuning.port]
     sending = params.device.pspm_period_s
     return held_servo(replace(start, params=params), port, law, None, partial(kind, law), (0.0, sending))
 
