@@ -8,7 +8,7 @@ from hapnet.ext.study.sections import ARMS, BILATERAL
 from hapnet.ext.study.task import run_case
 from hapnet.laws import BILATERAL_NAMES
 from netem.presets import PRESETS
-from tests.conftest import ROOT
+from tests.conftest import ROOT, mostly_slow
 
 PAGE = (ROOT / "hapnet" / "ext" / "robots" / "bilateral.md").read_text("utf-8")
 
@@ -34,7 +34,7 @@ def test_the_page_counts_what_the_cases_show() -> None:
     assert f"Behind PSPM all {cases} are passive" in PAGE
 
 
-@pytest.mark.parametrize("coupling", ["pp", "pp:bilateral.port=pspm"])
+@pytest.mark.parametrize("coupling", mostly_slow([("pp:bilateral.port=pspm",), ("pp",)], 1))
 def test_a_case_is_still_what_it_was(coupling: str) -> None:
     (plan,) = plans(bench="arms", couplings=[coupling], links=["4g"], operators=[ARMS["0.1 kg"]]).values()
     assert plan.local == ""  # a pair has no local wall
