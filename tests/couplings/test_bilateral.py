@@ -177,3 +177,29 @@ def test_a_bare_law_breaks_the_bound_where_pspm_behind_it_does_not(law: str) -> 
     assert bare["theorem"]["margin_J"] < -0.1
     assert behind["theorem"]["margin_J"] >= 0.0
     assert [one["verdict"]["passive"] for one in (bare, behind)] == [False, True]
+
+
+@pytest.mark.parametrize("seed", mostly_slow([(seed,) for seed in range(30)], 2))
+def test_behind_pspm_any_law_over_any_link_to_any_arm_is_passive(seed: int) -> None:
+    """Both halves of the theorem, and nothing comes out of the robot and its surroundings that did not go in."""
+    rng = np.random.default_rng(seed)
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(math.log(low), math.log(high))))
+
+    mass, inside = log(0.05, 5.0), bool(rng.random() < 0.5)
+    way = f"delay {rng.uniform(0.0, 200.0):.0f}ms {rng.uniform(0.0, 30.0):.0f}ms loss {rng.uniform(0.0, 40.0):.0f}%"
+    found = run(
+        BILATERAL_NAMES[seed % 3], bilateral__port="pspm", link__up=way, link__down=way, follower__mass=mass,
+        follower__friction_N=log(0.01, 5.0), follower__own_damping=log(0.05, 5.0), follower__position_servo=inside,
+        follower__servo_hz=log(60.0, 1000.0), follower__motion_scale=log(0.2, 5.0), follower__force_scale=log(0.2, 5.0),
+        follower__resolution_m=float(rng.choice([0.0, 2e-5])), world__stiffness=mass * log(100.0, 4000.0),
+        world__damping=mass * log(5.0, 100.0), device__mass=log(0.05, 1.0), device__stiffness=log(50.0, 2000.0),
+        device__damping=log(0.1, 4.0), bilateral__position_gain=log(50.0, 2500.0), bilateral__force_gain=log(0.2, 3.0),
+        bilateral__friction_known=log(0.3, 3.0), duration_s=4.0, operator_model__end_hold_s=0.0,
+        operator=str(rng.choice(["press", "sine", "hand-21"])), scene=str(rng.choice(["wall", "free", "box"])),
+    ).summary  # fmt: skip
+    assert found["verdict"]["passive"] is True
+    assert found["theorem"]["margin_J"] >= 0.0
+    for side in ("device", "world"):
+        assert found[side]["ledger"]["slack_J"] >= -1e-12  # type: ignore[literal-required]
