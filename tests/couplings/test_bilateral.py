@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hapnet import Params, simulate
+from hapnet.assembly.build import prepare
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.registry import coupling
 from hapnet.errors import InvalidParameter
@@ -56,6 +57,13 @@ def test_they_are_laws_of_their_own_that_need_a_follower() -> None:
             simulate({"coupling": name}, seed=1)
         with pytest.raises(InvalidParameter, match=r"^follower\.feedback is 'force'; allowed: left out"):
             simulate({**PAIR, "coupling": name, "follower.feedback": "force"}, seed=1)
+
+
+def test_position_force_needs_a_robot_that_measures_its_contact() -> None:
+    real = {"follower.robot": "serial:/dev/nothing", "scene": "free"}
+    prepare({**real, "coupling": "pp"})
+    with pytest.raises(InvalidParameter, match=r"^coupling is 'pf'; allowed: pp or pspm with serial:/dev/nothing"):
+        prepare({**real, "coupling": "pf"})
 
 
 @pytest.mark.parametrize("port", ["bare", "pspm"])

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,24 @@ def test_it_is_a_command_on_a_finished_run(tmp_path: Path, capsys: pytest.Captur
     assert cli.main(["doctor", "--pair", str(tmp_path), "--json", "-"]) == 0
     (check,) = json.loads(capsys.readouterr().out)
     assert check["name"] == "pair"
+
+
+def test_amplitude_and_frequency_are_those_of_the_forces_vibration() -> None:
+    recording = run("pp", {}).recording
+    assert recording.device is not None
+    time_s = recording.device["time_s"]
+    force = 2.0 + 0.3 * time_s + 0.7 * np.sin(2.0 * np.pi * 6.5 * time_s)
+    shaken = replace(recording, device={**recording.device, "force_N": force[:, None]})
+    amplitude, hz = measured(shaken).vibration
+    assert amplitude == pytest.approx(0.7, rel=0.02)
+    assert hz == pytest.approx(6.5, abs=0.25)
+
+
+def test_behind_pspm_the_advice_is_not_pspm_again() -> None:
+    _, _, changes = BAD["delay"]
+    (check,) = examine_pair(run("pp", {**changes, "bilateral.port": "pspm"}))
+    assert check.advice.startswith("--set device.stiffness=")
+    assert "port" not in check.advice
 
 
 def test_a_run_without_a_robot_is_refused() -> None:

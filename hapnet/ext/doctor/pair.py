@@ -190,14 +190,14 @@ def examine_pair(what: Recorded) -> Iterator[Check]:
         return
     it_vibrates = f"vibrates at {shown.hz:.1f} Hz with {shown.amplitude_N:.2g} N"
     if (cause := pair.cause()) is None:
+        why = "no bound of delay, stiffness, rate or friction is exceeded"
         advice = "let the hand rest for the last two seconds of the run, and ask again"
-        yield Check(
-            "pair", SKIPPED, f"{it_vibrates}; no bound of delay, stiffness, rate or friction is exceeded", advice
-        )
+        yield Check("pair", SKIPPED, f"{it_vibrates}; {why}", advice)
         return
-    words = " ".join(f"--set {name}={value:.3g}" for name, value in cause.settings.items())
-    advice = " or ".join(filter(None, [words, "--set bilateral.port=pspm" if "port" in pair.tuning else ""]))
-    yield Check("pair", WARNING, f"{it_vibrates}; {cause.why}", advice)
+    ways = [f"--set {name}={value:.3g}" for name, value in cause.settings.items()]
+    if pair.tuning.get("port") == "bare":
+        ways.append("--set bilateral.port=pspm")
+    yield Check("pair", WARNING, f"{it_vibrates}; {cause.why}", " or ".join(ways))
 
 
 def _vibration(run: Recording) -> Vibration:

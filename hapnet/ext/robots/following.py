@@ -150,7 +150,7 @@ def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
                f"position in the scene {params.scene}: drivers measure no torque on their tool"),
     ))  # fmt: skip
     if is_real and (robot.feedback == "force" or spec.senses):
-        require_contact_force(robot.robot)
+        require_contact_force(robot.robot, law=params.coupling if spec.senses else "")
 
 
 def servo_hz(params: Params) -> Choice:
@@ -232,8 +232,8 @@ def _times(factor: float, value: ArrayLike) -> Any:
     return (factor * np.asarray(value, dtype=float)).tolist()
 
 
-def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
-    """Raise InvalidParameter if this driver measures no contact force.
+def require_contact_force(hardware: str, device: UserDevice | None = None, law: str = "") -> None:
+    """Raise InvalidParameter if this driver measures no contact force, which `law` or `follower.feedback` needs.
 
     device : the open driver, whose reading must have a force; None: it is not open yet. Then only its class is checked;
     a function that makes drivers, or a driver on the other host, passes.
@@ -247,6 +247,11 @@ def require_contact_force(hardware: str, device: UserDevice | None = None) -> No
             return
     if not measured:
         have = ", ".join(filter(_named, known()))
+        if law:
+            allowed = (
+                f"pp or pspm with {hardware}, which measures no contact force: contact_force() is for that ({have})"
+            )
+            raise InvalidParameter("coupling", law, allowed)
         allowed = f"position with {hardware}, which measures no contact force: contact_force() is for that ({have})"
         raise InvalidParameter("follower.feedback", "force", allowed)
 
