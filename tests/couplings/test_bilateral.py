@@ -66,7 +66,7 @@ def test_position_force_needs_a_robot_that_measures_its_contact() -> None:
         prepare({**real, "coupling": "pf"})
 
 
-@pytest.mark.parametrize("port", ["bare", "pspm"])
+@pytest.mark.parametrize("port", mostly_slow([("pspm",), ("bare",)], 1))
 def test_position_position_shows_the_springs_in_series(port: str) -> None:
     """At rest: K_l (x_l - x_f) = F_l, and the wall's force is K_f (x_l - x_f). 20 mm: the wall's place."""
     x_l, x_f, felt, touched = settled(run("pp", bilateral__port=port, **STILL))
@@ -76,7 +76,7 @@ def test_position_position_shows_the_springs_in_series(port: str) -> None:
     assert x_f - 0.02 == pytest.approx(1000.0 * depth / (1000.0 + WALL), rel=0.02)
 
 
-@pytest.mark.parametrize("port", ["bare", "pspm"])
+@pytest.mark.parametrize("port", mostly_slow([("pspm",), ("bare",)], 1))
 def test_position_force_shows_the_contact_force(port: str) -> None:
     _, x_f, felt, touched = settled(run("pf", bilateral__port=port, **STILL))
     assert touched < -1.0
