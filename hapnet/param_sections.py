@@ -187,6 +187,10 @@ class FollowerParams(Section):
     servo_hz: float = _p(1000.0, "rate of its servo [Hz]", Range(at_least=10.0, at_most=20_000.0))
     mass: float = _p(0.045, "its apparent mass, if simulated [kg]", _POSITIVE)
     own_damping: float = _p(0.3, "its own damping, if simulated [Ns/m]", _NOT_NEGATIVE)
+    friction_N: float = _p(0.0, "its own Coulomb friction, if simulated [N]", _NOT_NEGATIVE)
+    position_servo: bool = _p(
+        False, "a simulated robot has a position servo: world.stiffness and world.damping act within each tick"
+    )
     resolution_m: float = _p(
         0.0, "encoder resolution, sampled servo only [m]; 0: exact", Range(at_least=0.0, at_most=10.0)
     )

@@ -80,6 +80,9 @@ RECIPES = (
             f"hapnet compare --bench moves --link 4g {DIFFERENT} --out DIR/moving",
             "examples.pictures.compare --table DIR --out DIR"), {"compared.csv": "compared.csv"}),
     Recipe(("examples.pictures.compare --out DIR",), {"compare.png": "compare.png"}),
+    Recipe(("hapnet compare --bench arms --out DIR", "examples.pictures.bilateral --table DIR --out DIR"),
+           {"bilateral.csv": "bilateral.csv"}),
+    Recipe(("examples.pictures.bilateral --out DIR",), {"bilateral.png": "bilateral.png"}),
 )  # fmt: skip
 FILM = "play.gif"
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hapnet.laws import COUPLING_NAMES, GROUP
+from hapnet.laws import BILATERAL_NAMES, COUPLING_NAMES, GROUP
 from hapnet.loading import extension, published
 from hapnet.params import Params
 from netem.presets import PRESETS
@@ -62,7 +62,7 @@ def profiles() -> list[tuple[str, str]]:
 
 def couplings() -> list[str]:
     """hapnet's own couplings, and those that packages publish."""
-    return [*COUPLING_NAMES, *published(GROUP)]
+    return [*COUPLING_NAMES, *BILATERAL_NAMES, *published(GROUP)]
 
 
 def scenes() -> list[tuple[str, str]]:

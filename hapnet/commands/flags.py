@@ -11,7 +11,7 @@ import typer
 
 from hapnet.commands import complete
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES
+from hapnet.laws import BILATERAL_NAMES, COUPLING_NAMES
 from hapnet.param_values import LARGEST_SEED
 from netem.command_help import MORE
 
@@ -68,7 +68,8 @@ Coupling = Annotated[
     _model(
         metavar="NAME",
         help=f"pspm; to compare: {', '.join(COUPLING_NAMES[1:])}."
-        "\n\nzoh is a plain virtual coupling. Your own: MODULE:NAME.",
+        f"\n\nzoh is a plain virtual coupling. With --follower also {', '.join(BILATERAL_NAMES)}. "
+        "Your own: MODULE:NAME.",
         autocompletion=complete.couplings,
     ),
 ]

@@ -18,9 +18,10 @@ from hapnet.mechanics.spring import Spring
 from hapnet.params import Params, WorldParams
 
 
-def _modulator(
+def modulator(
     side: Side, spring: Spring, position: Vector, energy: float, reserve: float, holding: Holding | None
 ) -> Modulator:
+    """The `MakeModulator` of PSPM."""
     return SetPositionModulator(
         stiffness=side.stiffness,
         position=position,
@@ -42,7 +43,7 @@ def _covers(params: Params, tuning: RenderingTuning, virtual: bool) -> bool:
     return not (sampled and device.harvest == "range")
 
 
-_ENDS = ends(_modulator)
+_ENDS = ends(modulator)
 
 LAW = CouplingSpec(
     name="pspm",

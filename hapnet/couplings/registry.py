@@ -9,7 +9,7 @@ from hapnet.control.deadband import MAX_S, MAX_WAVE_S, Deadband
 from hapnet.couplings.spec import CouplingSpec, scalar_stiffness
 from hapnet.couplings.stiffness import through
 from hapnet.errors import InvalidParameter
-from hapnet.laws import COUPLING_NAMES, GROUP, built_in, sections
+from hapnet.laws import BILATERAL_NAMES, COUPLING_NAMES, GROUP, built_in, sections
 from hapnet.loading import load, published
 from hapnet.params import Params
 from hapnet.wire.messages import Role, Wave
@@ -33,7 +33,7 @@ class _BuiltIn(Mapping[str, CouplingSpec[Any]]):
 
 
 COUPLINGS: Mapping[str, CouplingSpec[Any]] = _BuiltIn()
-"""hapnet's own couplings."""
+"""hapnet's own couplings that move a virtual mass; those of `BILATERAL_NAMES` need a follower."""
 
 
 def coupling(name: str) -> CouplingSpec[Any]:
@@ -42,9 +42,9 @@ def coupling(name: str) -> CouplingSpec[Any]:
     Raises InvalidParameter: there is no coupling of that name, the object is not a `CouplingSpec`, or its section has
     the name of another section.
     """
-    if name in COUPLINGS:
-        return COUPLINGS[name]
-    names = (*COUPLING_NAMES, *published(GROUP))
+    if (own := known(name)) is not None:
+        return own
+    names = (*COUPLING_NAMES, *BILATERAL_NAMES, *published(GROUP))
     allowed = f"one of {', '.join(names)}, or module:NAME of a CouplingSpec"
     target, _ = published(GROUP).get(name, (name, ""))
     spec = load("coupling", target, allowed, names)
@@ -59,6 +59,9 @@ def coupling(name: str) -> CouplingSpec[Any]:
 
 def known(name: object) -> CouplingSpec[Any] | None:
     """hapnet's own coupling of that name; None for a user's own coupling, which is not loaded here."""
+    if name in BILATERAL_NAMES:
+        law: CouplingSpec[Any] = built_in(str(name))
+        return law
     return COUPLINGS.get(str(name))
 
 

@@ -127,21 +127,26 @@ def _continuous(start: CouplingStart[RenderingTuning], make: MakeModulator) -> C
 
 def _sampled(start: CouplingStart[RenderingTuning], make: MakeModulator) -> DeviceCoupling:
     model = rendering.at_device(start)
-    return _held(start, make, model, model)
+    return held_servo(start, make, model, model)
 
 
-def _held(
+def held_servo(
     start: CouplingStart[RenderingTuning],
     make: MakeModulator,
     source: Source | None,
     model: ContactModel | None,
     kind: Callable[..., S] = SampledServo,  # type: ignore[assignment]
+    rates: tuple[float, float] | None = None,
 ) -> S:
-    """A servo that holds its force; source : computes y (the contact model, if there is one)."""
+    """A servo that holds its force.
+
+    source : computes y (the contact model, if there is one). rates : the longest times between two runs of PSPM, and
+    between two sent samples [s]; 0: every tick, every run; None: by the rendering.
+    """
     device, dof = start.params.device, len(start.position)
     guard, holding = held_torque.guard(device, start.harvest, dof)
     coupling, damping = _at_device(start, make, source, holding)
-    period, sending = _rates(start)
+    period, sending = rates or _rates(start)
     return kind(
         coupling=coupling,
         damping=damping,
@@ -188,7 +193,7 @@ def _follower(start: CouplingStart[RenderingTuning], make: MakeModulator) -> Fol
         lag = rendering.largest(params.world.damping) + params.follower.own_damping
         source = rendering.at_world(replace(start, params=params.set({"world.damping": lag})))
         reporter = SampleReporter(start.position, source, *rendering.reach(start))
-    return _held(replace(start, harvest="measured"), make, source, None, partial(FollowerServo, reporter))
+    return held_servo(replace(start, harvest="measured"), make, source, None, partial(FollowerServo, reporter))
 
 
 def plain_world(start: CouplingStart[Any]) -> WorldCoupling:

@@ -11,7 +11,7 @@ from hapnet import cli
 from hapnet.assembly.build import prepare
 from hapnet.commands import complete
 from hapnet.ext.bench.registry import ROWS
-from hapnet.laws import COUPLING_NAMES
+from hapnet.laws import BILATERAL_NAMES, COUPLING_NAMES
 from hapnet.params import Params
 from hapnet.plant.scenes import SCENES
 from netem.profile import PRESETS
@@ -63,7 +63,7 @@ def tab(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Tab:
         ),
         ("run --scene=w", ["wall"]),
         ("device --operator ", ["rest", "sine", "press", "hand-1"]),
-        ("simulate --coupling ", list(COUPLING_NAMES)),
+        ("simulate --coupling ", [*COUPLING_NAMES, *BILATERAL_NAMES]),
         ("run --servo ", ["auto", "continuous", "sampled"]),
         ("world --on-silence ", ["hold", "release"]),
         ("device --mode ", ["peer", "client", "router"]),

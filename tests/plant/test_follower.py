@@ -13,7 +13,7 @@ from hapnet.assembly.follower import follower_of
 from hapnet.checks import Array, Vector
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.robots.follower import LeadersPicture, Robot, RobotContacts
+from hapnet.ext.robots.follower import LeadersPicture, Mechanics, Robot, RobotContacts
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
@@ -121,7 +121,7 @@ def test_a_robots_contacts_are_drawn_from_where_it_truly_is() -> None:
     body = PassiveIntegrator(0.1, 1.0, 100.0, (0.0,))
     body.set_contacts(contacts)
     frame = Frame(0.5, 3.0, (0.0,))
-    robot = Robot(body, contacts, frame, damping=0.0, resolution=1e-3, held=True, engine=False, here=False)
+    robot = Robot(body, contacts, frame, Mechanics(), resolution=1e-3, held=True, engine=False, here=False)
     around = RobotContacts(robot, sees=True)
     work = 0.0
     for _ in range(300):
@@ -338,7 +338,14 @@ class Weak(PassiveIntegrator):
 def test_the_mean_force_of_an_engines_robot_did_its_work_and_its_environment_opposes_it() -> None:
     contacts = Contacts((), 1)
     robot = Robot(
-        Weak(0.1, 1.0, 100.0, (0.0,)), contacts, Frame(1.0, 1.0, (0.0,)), 0.0, 0.0, held=True, engine=True, here=False
+        Weak(0.1, 1.0, 100.0, (0.0,)),
+        contacts,
+        Frame(1.0, 1.0, (0.0,)),
+        Mechanics(),
+        0.0,
+        held=True,
+        engine=True,
+        here=False,
     )
     done = robot.push(0.1, 0.0, (0.5,), contacts)
     assert done.coupling_force == pytest.approx((0.3,))

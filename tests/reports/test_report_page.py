@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 from hapnet import cli
-from hapnet.couplings.registry import COUPLINGS
+from hapnet.couplings.registry import COUPLINGS, coupling
 from hapnet.ext.page.commands.play import led
 from hapnet.ext.pictures.html import element, join
 from hapnet.ext.pictures.page import FOLDED, MOST_EVENTS, ReportSource, page
 from hapnet.ext.pictures.pictures import pictures
 from hapnet.ext.pictures.settings import commands, settings
+from hapnet.laws import BILATERAL_NAMES
 from hapnet.params import Params
 from hapnet.recording.samples import Event, Recording
 from hapnet.simulation.simulation import simulate
@@ -297,7 +298,7 @@ def test_that_virtual_time_records_no_events_is_told() -> None:
 
 def test_settings_with_units_and_meaning_and_what_differs_from_the_defaults(simulated: Recording) -> None:
     rows = {row.name: row for row in settings(simulated)}
-    others = {law.section for name, law in COUPLINGS.items() if name != "pspm"}
+    others = {coupling(name).section for name in (*COUPLINGS, *BILATERAL_NAMES) if name != "pspm"}
     assert list(rows) == [name for name in Params().flat() if name.partition(".")[0] not in others]
     given, default, meaning, source = rows["device.stiffness"][1:]
     assert (given, default, source) == ("80.0", "0.0", "program")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from examples.pictures import compare
+from examples.pictures import bilateral, compare
 from examples.pictures.__main__ import FILM, RECIPES, Recipe, digest, make, sums
 from hapnet.simulation.simulation import simulate
 from tests.conftest import ROOT
@@ -20,13 +20,13 @@ from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 EXAMPLES = ROOT / "examples"
-QUICK = {"run.png", "compare.png"}
+QUICK = {"run.png", "compare.png", "bilateral.png"}
 """They are drawn again in the default run."""
 
 SECONDS = {"arm.png", "dominoes.png", "grain.png"}
 """They are drawn again in the slow run, the others, which take up to minutes each, in the soak run."""
 
-DRAWN = [recipe for recipe in RECIPES if not set(recipe.pictures) & {compare.FILE.name}]
+DRAWN = [recipe for recipe in RECIPES if not set(recipe.pictures) & {compare.FILE.name, bilateral.FILE.name}]
 
 
 def marks(recipe: Recipe) -> list[pytest.MarkDecorator]:

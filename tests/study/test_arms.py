@@ -1,47 +1,47 @@
-"""Studies of couplings with an arm as the device."""
-
-import json
-from pathlib import Path
+"""The comparison of laws between two robots: what its page says of it, and one of its cases run again."""
 
 import pytest
 
-from hapnet.cli import main
-from hapnet.errors import InvalidParameter
-from hapnet.ext.arms.table import felt_damping, omni
-from hapnet.ext.study.case import measure
-from hapnet.ext.study.impedance import transmission
-from hapnet.ext.study.stable_stiffness import cases
-from hapnet.params import Params
+from examples.pictures.bilateral import BOUND_MJ, rows
+from hapnet.ext.study.plans import plans
+from hapnet.ext.study.sections import ARMS, BILATERAL
+from hapnet.ext.study.task import run_case
+from hapnet.laws import BILATERAL_NAMES
+from netem.presets import PRESETS
+from tests.conftest import ROOT, mostly_slow
 
-ARM = Params().set({"hardware": "omni", "link.up": "4g", "link.down": "4g"})
-
-
-@pytest.mark.slow
-def test_a_comparison_takes_an_arm(tmp_path: Path) -> None:
-    """Three axes, a case a coupling; both are passive and render the wall that the springs make."""
-    words = ["compare", "--device", "omni", "--coupling", "pspm", "--coupling", "zoh", "--link", "4g", "--operator"]
-    assert main([*words, "hand-3", "--duration", "4", "--workers", "1", "--out", str(tmp_path / "c")]) == 0
-    found = json.loads((tmp_path / "c" / "compare.json").read_text("utf-8"))
-    assert [case["coupling"] for case in found["cases"]] == ["pspm", "zoh", "local wall"]
-    for case in found["cases"]:
-        assert case["measures"]["margin_J"] >= 0.0
-        assert 90.0 < case["measures"]["stiffness_percent"] < 115.0
+PAGE = (ROOT / "hapnet" / "ext" / "robots" / "bilateral.md").read_text("utf-8")
 
 
-def test_the_metrics_are_those_of_metres() -> None:
-    with pytest.raises(InvalidParameter, match="one with axes in metres, as metrics are in mm and N"):
-        measure(ARM.set({"hardware": "omni?axes=joints", "scene": "joints", "duration_s": 0.5}), 0)
+def test_the_cases_are_every_law_and_port_over_every_link_with_every_arm() -> None:
+    found = [(case["law"], case["port"], case["link"], case["arm"]) for case in rows()]
+    assert len(set(found)) == len(found) == len(BILATERAL) * len(PRESETS) * len(ARMS)
+    assert {case[0] for case in found} == set(BILATERAL_NAMES)
 
 
-def test_an_arm_has_its_own_damping_only() -> None:
-    dampings = {case.own_damping for case in cases(ARM)}
-    assert dampings == {felt_damping(omni())}
-    assert len({case.own_damping for case in cases(Params())}) > 1
+def test_the_page_counts_what_the_cases_show() -> None:
+    broken = dict.fromkeys(BILATERAL_NAMES, 0)
+    for case in rows():
+        if float(case["out_mJ"]) > BOUND_MJ:
+            assert case["port"] == "bare"
+            broken[case["law"]] += 1
+    cases = len(rows()) // 2
+    assert f"{sum(broken.values())} of {cases} cases are not passive" in PAGE
+    assert (
+        f"`pp` in {broken['pp']} of {cases // 3}, `pf` in {broken['pf']}, `four-channel` in {broken['four-channel']}"
+        in PAGE
+    )
+    assert f"Behind PSPM all {cases} are passive" in PAGE
 
 
-@pytest.mark.slow
-def test_an_arm_transmits_the_walls_stiffness() -> None:
-    """As two springs in a row would at rest; a network of a millisecond hides nothing of that."""
-    found = transmission(ARM.set({"link.up": "lan", "link.down": "lan"}), 0, periods=2)
-    for line, truth in zip(found.lines[:3], found.truth, strict=False):
-        assert line.stiffness == pytest.approx(truth.real, rel=0.05)
+@pytest.mark.parametrize("coupling", mostly_slow([("pp:bilateral.port=pspm",), ("pp",)], 1))
+def test_a_case_is_still_what_it_was(coupling: str) -> None:
+    (plan,) = plans(bench="arms", couplings=[coupling], links=["4g"], operators=[ARMS["0.1 kg"]]).values()
+    assert plan.local == ""  # a pair has no local wall
+    measures = run_case(plan.spec.fixed, plan.spec.cases()[0]).measures
+    port = "behind PSPM" if "pspm" in coupling else "bare"
+    (known,) = [
+        float(case["out_mJ"]) for case in rows()
+        if (case["law"], case["port"], case["link"], case["arm"]) == ("pp", port, "4g", "0.1 kg")
+    ]  # fmt: skip
+    assert measures["energy_out_J"] == pytest.approx(1e-3 * known, rel=1e-3)

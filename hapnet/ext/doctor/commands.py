@@ -47,12 +47,22 @@ def doctor(
     run_s: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="With --share: seconds of each run. [60]")
     ] = None,
+    pair: Annotated[
+        str | None,
+        typer.Option(
+            "--pair", metavar="RUN", help="Say why two robots vibrate, from a run with --follower, and what to set."
+        ),
+    ] = None,
     json_to: flags.Json = None,
 ) -> int:
     """With -e, also check whether Zenoh answers there, and measure the network: a side that
     listens there answers probes. With --device, measure that device instead: rate, latency, noise and resolution;
     --ramp and --damping use a force, and --share both.
     """
+    if pair is not None:
+        from hapnet.ext.doctor.pair import examine_pair
+
+        return _show(examine_pair(pair), json_to)
     if share and hardware is None:
         raise InvalidParameter("--device", "(not given)", "", why="--share needs a device of `hapnet devices`")
     if run_s is not None and not share:

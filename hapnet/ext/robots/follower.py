@@ -3,19 +3,24 @@
 The leader's motion may be scaled to the robot, and the robot's force to the hand (`hapnet.mechanics.frame`). Only this
 module uses the robot's own units.
 
-The robot has a mass, its own damping and encoders, and touches any contacts of the scene. If its force is held from
-tick to tick, its port is the actuator's, and mass and contacts are the environment behind it. If the coupling acts
-within the step, its port is that of its contacts, as with a virtual mass.
+The robot has a mass, its own damping, friction and encoders, and touches any contacts of the scene. If its force is
+held from tick to tick, its port is the actuator's, and mass and contacts are the environment behind it. If the coupling
+acts within the step, its port is that of its contacts, as with a virtual mass.
+
+A robot with a position servo gets a place from each tick, and renders the spring and the damper to it itself, in steps
+of 1 ms at most. The account counts the force that the servo really applied, as that of a driver that measures it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet.checks import Array, Signal, Vector
+from hapnet.ext.robots.friction import friction_drag
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings, doing
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
@@ -28,10 +33,24 @@ PART_S = 1e-3
 """The longest part of a tick in which a held force moves the robot [s]."""
 
 
+class Mechanics(NamedTuple):
+    """The friction and the position servo of a simulated robot, in its own units.
+
+    damping, friction : of its own [Ns/m], [N]; mass : for its friction [kg]. stiffness, servo_damping : of its position
+    servo [N/m], [Ns/m]; 0: it has none.
+    """
+
+    damping: float = 0.0
+    friction: float = 0.0
+    mass: float = 1.0
+    stiffness: float = 0.0
+    servo_damping: float = 0.0
+
+
 class Robot(Mass):
     """The robot among its contacts, in the leader's units: the `Mass` of a follower.
 
-    body : the mass that moves among `contacts`, in its own units. frame : see `Frame`. damping : its own [Ns/m].
+    body : the mass that moves among `contacts`, in its own units. frame : see `Frame`. own : see `Mechanics`.
     resolution : of its encoders [m]. held : whether its force is held, so that its port is the actuator's.
     engine : whether a physics engine moves it; its port is then the actuator's, and its damping the engine's.
     here : whether its position at the start corresponds to the leader's; else both share one origin.
@@ -42,7 +61,7 @@ class Robot(Mass):
         body: Mass,
         contacts: Surroundings,
         frame: Frame,
-        damping: float,
+        own: Mechanics,
         resolution: float,
         *,
         held: bool,
@@ -51,12 +70,13 @@ class Robot(Mass):
     ) -> None:
         self.body, self.frame = body, frame
         self.contacts = contacts
-        self._damping, self._resolution = damping, resolution
+        self._own, self._resolution = own, resolution
         self.held, self._engine, self._here = held, engine, here
         self.done_J = 0.0
         """Work put in at the actuator's port, with true positions [J]."""
         self._measured = self._counts()
         self._speed: Vector = (0.0,) * len(self._measured)
+        self._touched: Vector = self._speed
 
     def _counts(self) -> Vector:
         own, r = self.body.position, self._resolution
@@ -103,26 +123,56 @@ class Robot(Mass):
 
     def push(self, dt: float, drag: float, push: Vector, contacts: Surroundings) -> Step:
         """Step under a held force, or a law's; in short parts, so that its damping acts on the current velocity."""
-        frame = self.frame
-        own_drag = drag / (frame.motion * frame.force) + self._damping
-        own = frame.own_force(push)
+        frame, own = self.frame, self._own
+        own_drag = drag / (frame.motion * frame.force) + own.damping
+        held = frame.own_force(push)
         count = max(1, round(dt / PART_S)) if self.held and not self._engine else 1
-        begun = self.body.position
-        force, work, depth = [0.0] * len(own), 0.0, 0.0
+        part, begun = dt / count, self.body.position
+        aim = self._aim(held)
+        force, applied, work, served, depth = [0.0] * len(held), [0.0] * len(held), 0.0, 0.0, 0.0
         for _ in range(count):
-            done = self.body.push(dt / count, own_drag, own, self.contacts)
+            pull, brake = (held, 0.0) if aim is None else self._serve(part, aim)
+            known = tuple([one + touch for one, touch in zip(pull, self._touched, strict=True)])
+            others = own_drag + brake
+            rubs = friction_drag(own.friction, own.mass, others, part, self.body.velocity, known)
+            done = self.body.push(part, others + rubs, pull, self.contacts)
+            self._touched = done.force
+            servo = [one - brake * v for one, v in zip(pull, done.velocity, strict=True)]
             for i, f in enumerate(done.force):
                 force[i] += f / count
+                applied[i] += servo[i] / count
             work += done.work_J
+            served += part * inner(servo, done.velocity)
             depth = done.penetration_m
         moved = [end - begin for begin, end in zip(begun, self.body.position, strict=True)]
         if self._engine:  # an engine may apply less: take the mean force with the same work
-            own = doing(-work, done.coupling_force, moved)
-            force = [-one for one in own]
+            held = doing(-work, done.coupling_force, moved)
+            force = [-one for one in held]
+        elif aim is not None:
+            held = doing(served, tuple(applied), moved)
         if self.held:
-            self.done_J -= frame.energy * inner(own, moved)
+            self.done_J -= frame.energy * inner(held, moved)
         velocity = tuple([one / dt for one in moved])
-        return self._to_leader(dt, Step(velocity, tuple(force), work, 0.0, own, self.body.position, depth))
+        return self._to_leader(dt, Step(velocity, tuple(force), work, 0.0, held, self.body.position, depth))
+
+    def _aim(self, held: Vector) -> Vector | None:
+        """The place that the position servo gets with the force `held` [N], in its own units; None: it has none.
+
+        ``K' (aim - x) - B' v`` is that force at the measured position and velocity.
+        """
+        own, frame = self._own, self.frame
+        if not own.stiffness:
+            return None
+        x, v = frame.own(self._measured), [frame.motion * one for one in self._speed]
+        return tuple([
+            at + (f + own.servo_damping * speed) / own.stiffness for at, f, speed in zip(x, held, v, strict=True)
+        ])  # fmt: skip
+
+    def _serve(self, dt: float, aim: Vector) -> tuple[Vector, float]:
+        """The push [N] and the drag [Ns/m] of the position servo in a step: its spring acts at the step's middle."""
+        own = self._own
+        push = [own.stiffness * (to - x) for to, x in zip(aim, self.body.position, strict=True)]
+        return tuple(push), own.servo_damping + 0.5 * own.stiffness * dt
 
     def _to_leader(self, dt: float, done: Step) -> Step:
         """Convert a step of the body to the leader's units."""

@@ -25,7 +25,8 @@ from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.robots import following_positions
-from hapnet.ext.robots.follower import Robot, RobotScene
+from hapnet.ext.robots.follower import Mechanics, Robot, RobotScene
+from hapnet.laws import BILATERAL_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
@@ -49,6 +50,7 @@ def in_leaders_units(params: Params) -> Choice:
         "world.step_limit_N": b * world.step_limit_N,
         "follower.mass": a * b * robot.mass,
         "follower.own_damping": a * b * robot.own_damping,
+        "follower.friction_N": b * robot.friction_N,
         "follower.resolution_m": robot.resolution_m / a,
         "follower.force_limit_N": b * robot.force_limit_N,
         "follower.step_limit_N": b * robot.step_limit_N,
@@ -153,11 +155,19 @@ def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
         refusal(is_real and not held, "robot", f"simulated {law} and a continuous servo: a driver holds its force"),
         refusal(is_real and robot.feedback == "planes", "feedback",
                "position or force with a real robot, whose surroundings are not known"),
+        refusal(robot.feedback != "position" and params.coupling in BILATERAL_NAMES, "feedback",
+               f"left out {law}, which says itself what the leader feels"),
+        refusal(is_posed and params.coupling in BILATERAL_NAMES, "robot",
+               f"none in the scene {params.scene} {law}: its positions are no poses"),
+        refusal(robot.friction_N > 0.0 and not held, "friction_N", "0 with a continuous servo"),
+        refusal(robot.position_servo and not held, "position_servo", "no with a continuous servo"),
+        refusal(robot.position_servo and not isinstance(params.world.stiffness, float), "position_servo",
+               "no with a world.stiffness that is not a number"),
         refusal(is_real and robot.feedback == "force" and is_posed, "feedback",
                f"position in the scene {params.scene}: drivers measure no torque on their tool"),
     ))  # fmt: skip
-    if is_real and robot.feedback == "force":
-        require_contact_force(robot.robot)
+    if is_real and (robot.feedback == "force" or spec.senses):
+        require_contact_force(robot.robot, law=params.coupling if spec.senses else "")
 
 
 def servo_hz(params: Params) -> Choice:
@@ -196,11 +206,15 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
         if body is None:
             body = PassiveIntegrator(robot.mass, damping, stiffness, scene.start)
         engine = isinstance(body, EngineMass)  # it has its own damping
+        for name in ("friction_N", "position_servo"):
+            if engine and getattr(robot, name):
+                allowed = f"{'no' if name == 'position_servo' else 0} in the scene {params.scene}: a model has its own"
+                raise InvalidParameter(f"follower.{name}", getattr(robot, name), allowed)
         return Robot(
             body,
             scene.contacts,
             frame_of(params, scene.units, scene.dof),
-            robot.own_damping if held and not engine else 0.0,
+            mechanics(params) if held and not engine else Mechanics(),
             robot.resolution_m,
             held=held,
             engine=engine,
@@ -209,6 +223,13 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
 
     frame = frame_of(params, scene.units, scene.dof)
     return RobotScene(scene, made, 1.0 / robot.servo_hz, frame, sees=robot.feedback == "planes")
+
+
+def mechanics(params: Params) -> Mechanics:
+    """The friction and the position servo of the simulated robot of these parameters."""
+    robot = params.follower
+    servo = (largest(params.world.stiffness), largest(params.world.damping)) if robot.position_servo else (0.0, 0.0)
+    return Mechanics(robot.own_damping, robot.friction_N, robot.mass, *servo)
 
 
 CONTRIBUTION = Contribution(in_scene=(servo_hz, steps), check=check, place=place)
@@ -232,8 +253,8 @@ def _times(factor: float, value: ArrayLike) -> Any:
     return (factor * np.asarray(value, dtype=float)).tolist()
 
 
-def require_contact_force(hardware: str, device: UserDevice | None = None) -> None:
-    """Raise InvalidParameter if this driver measures no contact force.
+def require_contact_force(hardware: str, device: UserDevice | None = None, law: str = "") -> None:
+    """Raise InvalidParameter if this driver measures no contact force, which `law` or `follower.feedback` needs.
 
     device : the open driver, whose reading must have a force; None: it is not open yet. Then only its class is checked;
     a function that makes drivers, or a driver on the other host, passes.
@@ -247,6 +268,11 @@ def require_contact_force(hardware: str, device: UserDevice | None = None) -> No
             return
     if not measured:
         have = ", ".join(filter(_named, known()))
+        if law:
+            allowed = (
+                f"pp or pspm with {hardware}, which measures no contact force: contact_force() is for that ({have})"
+            )
+            raise InvalidParameter("coupling", law, allowed)
         allowed = f"position with {hardware}, which measures no contact force: contact_force() is for that ({have})"
         raise InvalidParameter("follower.feedback", "force", allowed)
 

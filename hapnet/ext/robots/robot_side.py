@@ -57,8 +57,8 @@ def _following(
         device.device = Fixture(device.device, setup.scene.contacts)
     frame = frame_of(params, setup.units, setup.dof)
     sensor: ContactForce | None = None
-    if robot.feedback == "force":
-        require_contact_force(robot.robot, device)
+    if robot.feedback == "force" or setup.coupling.senses:
+        require_contact_force(robot.robot, device, params.coupling if setup.coupling.senses else "")
         sensor = ContactForce(device.contact_force, setup.dof, robot.robot, clock, write)
     device.declared.check_stiffness("world.stiffness", params.world.stiffness, setup.dof, within(setup.units, "N/m"))
     device.check_damping("world.damping", params.world.damping)

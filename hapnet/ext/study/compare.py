@@ -15,7 +15,7 @@ from hapnet.ext.study.case import DEADBAND, Measures
 from hapnet.ext.study.journal import JournalRow
 from hapnet.ext.study.spec import LINK, SEED, Spec, Values
 from hapnet.ext.study.statistics import Spread, spreads
-from hapnet.params import RELAXED_HAND, Params
+from hapnet.params import RELAXED_HAND, Params, follows
 from hapnet.summary.verdict import ROUNDING_J
 
 NAME = "compare"
@@ -75,7 +75,11 @@ def local_wall(params: Params) -> str:
     (`hapnet.couplings.stiffness.local_limit`), and at most as stiff as the wall:
 
         felt = K K_w / (K' + K_w) = min(limit, K_w)
+
+    A pair of robots has none: its wall is the follower's.
     """
+    if follows(params):
+        return ""
     most, wall, spring = limit(params), params.world.wall.stiffness, params.world.stiffness
     if most <= 0.0 or wall <= 0.0 or not isinstance(spring, float):
         return ""

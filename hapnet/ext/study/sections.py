@@ -8,8 +8,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hapnet.laws import COUPLING_NAMES
+from hapnet.laws import BILATERAL_NAMES, COUPLING_NAMES
+from hapnet.param_values import toml_value
 from hapnet.params import OperatorParams
+from netem.presets import PRESETS
 
 HANDS = tuple(f"hand-{number}" for number in range(21, 41))
 """Hands on which nothing is tuned. Each touches a wall at the default place within 10 s, with any device spring."""
@@ -53,6 +55,25 @@ class StudySection:
     changes: Mapping[str, object] = field(default_factory=dict)
     seeds: tuple[int, ...] = (0,)
 
+
+def _arm(mass: float, inside: bool) -> str:
+    """A loosely held leader and a follower of this mass [kg] with friction; inside: its position servo runs at 200 Hz.
+
+    On its spring the follower has 5 Hz and is nearly critically damped; friction is a twentieth of its weight.
+    """
+    own = {
+        "device.mass": min(mass, 0.5), "follower.mass": mass, "follower.own_damping": 2.0 * mass,
+        "follower.friction_N": 0.5 * mass, "world.stiffness": 1000.0 * mass, "world.damping": 50.0 * mass,
+        "follower.position_servo": inside, "follower.servo_hz": 200.0 if inside else 1000.0,
+    }  # fmt: skip
+    return ":".join(["press@light", *(f"{name}={toml_value(value)}" for name, value in own.items())])
+
+
+ARMS = {"0.1 kg": _arm(0.1, False), "1 kg, servo": _arm(1.0, True), "5 kg, servo": _arm(5.0, True)}
+"""Pairs of arms; servo: the follower has a position servo of its own."""
+
+BILATERAL = tuple(f"{law}{port}" for law in BILATERAL_NAMES for port in ("", ":bilateral.port=pspm"))
+"""The laws between two robots, each bare and behind PSPM."""
 
 GRIPS = tuple(_grip(hand, stiffness) for stiffness in (50.0, 135.0, 350.0, 900.0) for hand in ("press", "strokes-51"))
 
@@ -110,6 +131,13 @@ FULL: Mapping[str, StudySection] = {
         {"scene": "tool:peg + hole?at=0,0,-20mm", "duration_s": 10.0},
     ),
     "solid": StudySection("a ball", _BOTH, ("4g", "intercontinental"), _FEW, {"scene": "sphere", "duration_s": 20.0}),
+    "arms": StudySection(
+        "pairs of arms: laws between two robots, bare and behind PSPM", BILATERAL, tuple(PRESETS), tuple(ARMS.values()),
+        {
+            "follower.robot": "simulated", "duration_s": 6.0, "device.stiffness": 300.0, "device.damping": 1.0,
+            "device.force_limit_N": 10.0, "follower.force_limit_N": 60.0, "follower.step_limit_N": 5.0,
+        },
+    ),
     "friction": StudySection(
         "a rough plane", _BOTH, ("4g", "intercontinental"), _FEW,
         {"scene": "plane?friction=0.3", "duration_s": 20.0},
