@@ -2,12 +2,17 @@
 
 `frame` shifts the leader's positions when they arrive, and the robot's positions when they are sent. So the robot's
 coupling and its account see no jump, and for the leader the robot is where the leader is.
+
+The opening of a jaw is not shifted for good: then a hand that is open could not open a jaw that is closed. A jaw holds
+its set-position until the leader's opening has come to it, and follows from then on; until then the leader's jaw is
+free.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from hapnet.checks import Vector
 from hapnet.control.coupling import (
     CouplingSample,
     CouplingState,
@@ -20,6 +25,7 @@ from hapnet.control.coupling import (
 )
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.mechanics.frame import Frame
+from hapnet.mechanics.plane import Plane
 from hapnet.recording.samples import WorldSample
 
 
@@ -28,6 +34,9 @@ def rest(coupling: CouplingState) -> None:
     if isinstance(coupling, SetPositionCoupling):
         coupling.rest()
 
+
+CATCH_M = 1e-3
+"""A jaw follows its leader if their openings differ by less than this [m] or [rad], or have just crossed."""
 
 PAUSE_NS = 100_000_000
 """A leader from which nothing arrived for this time is away [ns]. A robot that follows a prediction takes some 50 ms to
@@ -44,6 +53,10 @@ class Reindexing:
 
     def __init__(self, frame: Frame, silence_ns: int, *, meets: bool) -> None:
         self.frame = frame
+        self._held: float | None = None
+        """The jaw's set-position while it waits for its leader; None: it follows, or there is none."""
+        self._gap: float | None = None
+        """How far that is from the leader's opening at the newest sample, while it waits."""
         self.leads = True
         """Whether the leader reports that it leads."""
         self._meets = meets
@@ -67,7 +80,21 @@ class Reindexing:
             rest(coupling)
             self.due, self.moved = False, True
             self.frame.meet(coupling.set_position, vector_of(sample))
-        return self._inward(sample) if self.moved else sample
+            before_ns = None
+        if self.frame.jaw and before_ns is None:
+            self._held, self._gap = coupling.set_position[-1], None
+        if self._held is not None:
+            self._hold_jaw(vector_of(sample)[-1])
+        return self._inward(sample) if self.moved or self._gap is not None else sample
+
+    def _hold_jaw(self, opening: float) -> None:
+        """Hold the jaw's set-position until the leader's `opening` has come to it."""
+        assert self._held is not None, "it is held"
+        gap, before = self._held - opening, self._gap
+        crossed = before is not None and before * gap <= 0.0
+        self._gap = None if crossed or abs(gap) <= CATCH_M else gap
+        if self._gap is None:
+            self._held = None
 
     def watch(self, coupling: CouplingState, now_ns: int) -> None:
         """Hold the robot where it is if nothing came for a while. Call it once a tick."""
@@ -78,33 +105,50 @@ class Reindexing:
     def _inward(self, sample: CouplingSample) -> CouplingSample:
         match sample:
             case PositionSample(position, level):
-                return PositionSample(self.frame.own(position), level)
+                return PositionSample(self._own(position), level)
             case MotionSample(position, velocity):
-                return MotionSample(self.frame.own(position), velocity)
+                return MotionSample(self._own(position), velocity)
             case PortSample(position, energy):
-                return PortSample(self.frame.own(position), energy)
+                return PortSample(self._own(position), energy)
             case ProxySample() | WaveSample():
                 raise TypeError("no leader's law sends proxies or waves to a robot that re-indexes")
             case _:
-                return self.frame.own(sample)
+                return self._own(sample)
+
+    def _own(self, x: Vector) -> Vector:
+        own = self.frame.own(x)
+        return own if self._gap is None else (*own[:-1], own[-1] + self._gap)
 
     def outward(self, sample: CouplingSample) -> CouplingSample:
         """Return a sample of the robot's coupling in the coordinates of the link."""
-        if not self.moved:
+        if not self.moved and self._gap is None:
             return sample
         frame = self.frame
         match sample:
             case ProxySample(position, _, force, planes, _, _):
-                seen = None if planes is None else tuple([frame.plane(one) for one in planes])
-                return sample._replace(position=frame.coupled(position), force=frame.coupled_force(force), planes=seen)
+                seen = None if planes is None else tuple([frame.plane(one) for one in planes if self._sees(one)])
+                return sample._replace(
+                    position=self._coupled(position), force=self._seen(frame.coupled_force(force), 0.0), planes=seen
+                )
             case PositionSample(position, level):
-                return PositionSample(frame.coupled(position), level)
+                return PositionSample(self._coupled(position), level)
             case MotionSample(position, velocity):
-                return MotionSample(frame.coupled(position), frame.velocity(velocity))
+                return MotionSample(self._coupled(position), frame.velocity(velocity))
             case PortSample() | WaveSample():
                 return sample
             case _:
-                return frame.coupled(sample)
+                return self._coupled(sample)
+
+    def _coupled(self, own: Vector) -> Vector:
+        opening = 0.0 if self._held is None or self._gap is None else self._held - self._gap
+        return self._seen(self.frame.coupled(own), opening)
+
+    def _seen(self, along: Vector, last: float) -> Vector:
+        """Values along the axes as the leader sees them; `last` replaces the last one while the jaw waits."""
+        return along if self._gap is None else (*along[:-1], last)
+
+    def _sees(self, plane: Plane) -> bool:
+        return self._gap is None or plane.normal[-1] == 0.0
 
     def recorded(self, sample: Any) -> Any:
         """A sample of the robot in the leader's coordinates, for recordings."""

@@ -55,7 +55,7 @@ def _following(
                 "follower.fixtures", "yes", "", why=f"the scene {params.scene} has no planes for fixtures"
             )
         device.device = Fixture(device.device, setup.scene.contacts)
-    frame = frame_of(params, setup.units, setup.dof)
+    frame = frame_of(params, setup.scene)
     sensor: ContactForce | None = None
     if robot.feedback == "force":
         require_contact_force(robot.robot, device)
