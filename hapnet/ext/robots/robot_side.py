@@ -33,7 +33,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
     robot = params.follower
     servo = dataclasses.replace(servo_of(params), self_test_N=0.0)
     try:
-        device = UserDevice(robot.robot, setup.dof, servo, setup.units)
+        device = UserDevice(robot.robot, setup.dof, servo, setup.units, setup.scene.jaw)
     except InvalidParameter as error:
         if error.name not in ("hardware", "device.servo_hz"):
             raise

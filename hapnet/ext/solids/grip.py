@@ -6,11 +6,11 @@ It is an axis like the others: the coupling, its energy and its account contain 
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import inf
+from typing import NamedTuple
 
 from hapnet.assembly.units import LEVER_M
 from hapnet.checks import Vector
@@ -21,7 +21,7 @@ from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import make_scene, scene_parameters
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
-from hapnet.units import METRES, RADIANS, text_of, units_of
+from hapnet.units import METRES, RADIANS, units_of
 
 KIND = "grip"
 FIRST_WORDS = (KIND,)
@@ -61,102 +61,116 @@ class GripScene(Scene):
         return
 
 
-@dataclass(frozen=True)
-class Object:
-    """An object between the jaws. size, gap : its size, and the way of the open jaw to it. stiffness : 0: no object."""
+class Object(NamedTuple):
+    """What is between the jaws. size, gap : its size, and the way of the open jaw to it. is_there : False: nothing."""
 
     size: float
     gap: float
     stiffness: float
     damping: float
+    is_there: bool
 
-    def wall(self, dof: int) -> tuple[Wall, ...]:
-        """Its surface, in a scene of `dof` axes with the opening as the last."""
+    def beside(self, name: str, point: Scene) -> GripScene:
+        """The scene of a point, with the jaw's opening as a further axis, and the object on it."""
+        dof, unit = point.dof + 1, units_of(point.units, point.dof)[0]
+        walls = [Wall((*one.normal, 0.0), one.offset, one.stiffness, one.damping) for one in point.walls]
+        return self._scene(name, dof, tuple(walls), point.min_s, point.max_s, point.start, unit)
+
+    def alone(self, name: str, min_s: float, max_s: float) -> GripScene:
+        """The jaw and the object only."""
+        return self._scene(name, 1, (), min_s, max_s, (), METRES)
+
+    def _scene(
+        self, name: str, dof: int, walls: tuple[Wall, ...], min_s: float, max_s: float, start: Vector, unit: str
+    ) -> GripScene:
         closing = (*(0.0,) * (dof - 1), -1.0)
-        return (Wall(closing, -self.size, self.stiffness, self.damping),) if self.stiffness else ()
+        if self.is_there:
+            walls = (*walls, Wall(closing, -self.size, self.stiffness, self.damping))
+        return GripScene(name, dof, walls, min_s, max_s, (*start, self.size + self.gap), unit)
 
 
-def grip_scene(
-    text: str,
-    *,
-    dof: int = 0,
-    stiffness: float = WALL_STIFFNESS,
-    damping: float = WALL_DAMPING,
-    step_min_s: float = STEP_MIN_S,
-    step_max_s: float = STEP_MAX_S,
-) -> GripScene:
-    """The world that `text` describes (see above); `stiffness` and `damping` are the defaults of an object without a
-    name, and of walls.
+def builder(text: str) -> Callable[..., GripScene] | None:
+    """A function that makes the world that `text` describes; None: the text describes no jaw.
+
+    Its default for `stiffness` is that of the object. Walls have their own.
 
     Raises InvalidParameter.
     """
     *others, last = parts_in(text)
+    if KIND not in [kind_of(part)[0] for part in (*others, last)]:
+        return None
+    if len(others) > 1 or kind_of(last)[0] != KIND or any(kind_of(part)[0] == KIND for part in others):
+        raise InvalidParameter("scene", text, "a scene and the jaw last, as in wall + grip, or grip alone")
     if not others:
-        if dof not in (0, 1):
-            raise InvalidParameter("dof", dof, "1: the opening of the jaw; more with a scene, as in wall + grip")
-        between = _object(last, METRES, stiffness, damping)
-        return _with(Scene(text, 1, (), step_min_s, step_max_s), between, text)
-    name = others[0]
-    given = {"dof": dof - 1, "stiffness": stiffness, "damping": damping}
-    known = {"step_min_s": step_min_s, "step_max_s": step_max_s}
-    known |= {key: value for key, value in given.items() if value != -1 and (key != "dof" or dof)}
-    taken = scene_parameters(name)
-    point: World = make_scene(name, **{key: value for key, value in known.items() if key in taken})
-    if not isinstance(point, Scene) or len(set(units_of(point.units, point.dof))) > 1:
-        allowed = "flat walls at rest before + grip, such as free, wall, box, paper or joints"
-        raise InvalidParameter("scene", text, allowed)
-    if dof and dof != point.dof + 1:
+        return _builder(text, last, METRES, _alone)
+    unit = units_of((point := _point(text, others[0], {})).units, point.dof)[0]
+    return _builder(text, last, unit, partial(_beside, others[0]))
+
+
+Made = Callable[[str, Object, int, float, float], GripScene]
+
+
+def _builder(text: str, spec: str, unit: str, made: Made) -> Callable[..., GripScene]:
+    thing, sets = _object(spec, unit), "stiffness=" in spec
+
+    def grip(
+        *,
+        dof: int = 0,
+        stiffness: float = thing.stiffness,
+        damping: float = thing.damping,
+        step_min_s: float = STEP_MIN_S,
+        step_max_s: float = STEP_MAX_S,
+    ) -> GripScene:
+        if sets and stiffness != thing.stiffness:
+            raise InvalidParameter(
+                "stiffness", stiffness, f"{thing.stiffness:g}, or left out: the scene {text} sets it"
+            )
+        return made(text, thing._replace(stiffness=stiffness, damping=damping), dof, step_min_s, step_max_s)
+
+    return grip
+
+
+def _alone(text: str, thing: Object, dof: int, min_s: float, max_s: float) -> GripScene:
+    if dof not in (0, 1):
+        raise InvalidParameter("dof", dof, "1: the opening of the jaw; more with a scene, as in wall + grip")
+    return thing.alone(text, min_s, max_s)
+
+
+def _beside(name: str, text: str, thing: Object, dof: int, min_s: float, max_s: float) -> GripScene:
+    point = _point(text, name, {"step_min_s": min_s, "step_max_s": max_s, **({"dof": dof - 1} if dof else {})})
+    if dof not in (0, point.dof + 1):
         raise InvalidParameter("dof", dof, f"0 or {point.dof + 1}: the axes of {name}, and the opening of the jaw")
-    return _with(point, _object(last, units_of(point.units, point.dof)[0], stiffness, damping), text)
+    return thing.beside(text, point)
 
 
-def _with(point: Scene, between: Object, text: str) -> GripScene:
-    """The scene of the point (without walls for a jaw alone), and the jaw as its last axis."""
-    alone = text.lstrip().startswith(KIND)
-    count = 0 if alone else point.dof
-    walls = [] if alone else [dataclasses.replace(wall, normal=(*wall.normal, 0.0)) for wall in point.walls]
-    unit = units_of(point.units, point.dof)[0]
-    start = () if alone else point.start
-    return GripScene(
-        text,
-        count + 1,
-        (*walls, *between.wall(count + 1)),
-        point.min_s,
-        point.max_s,
-        (*start, between.size + between.gap),
-        text_of((unit,) * (count + 1)),
-    )
+def _point(text: str, name: str, given: Mapping[str, float]) -> Scene:
+    """The scene before the jaw. Raises InvalidParameter."""
+    taken = scene_parameters(name)
+    at_lever = {"stiffness": WALL_STIFFNESS * LEVER_M**2, "damping": WALL_DAMPING * LEVER_M**2}
+    for own in ({}, at_lever):
+        point: World = make_scene(name, **{key: one for key, one in {**own, **given}.items() if key in taken})
+        if not isinstance(point, Scene) or len(units := set(units_of(point.units, point.dof))) > 1:
+            raise InvalidParameter("scene", text, "flat walls at rest before + grip: free, wall, box, paper or joints")
+        if units == {METRES}:
+            break
+    return point
 
 
-def _object(spec: str, unit: str, stiffness: float, damping: float) -> Object:
+def _object(spec: str, unit: str) -> Object:
     """The object that a text such as ``grip:hard?size=30mm`` describes. Raises InvalidParameter."""
     _, name, words = kind_of(spec)
     if name not in ("", *OBJECTS, EMPTY):
         raise InvalidParameter(f"scene {spec}", name, f"grip, or grip: and one of {', '.join((*OBJECTS, EMPTY))}")
-    properties = Properties(spec, words)
-    own = OBJECTS if unit == METRES else {each: k * LEVER_M**2 for each, k in OBJECTS.items()}
+    properties, square = Properties(spec, words), 1.0 if unit == METRES else LEVER_M**2
     units = UNITS if unit == METRES else None
-    size, gap = (
-        properties.numbers(key, (default[unit],), units)[0] for key, default in (("size", _SIZE), ("gap", _GAP))
-    )
-    k = properties.number("stiffness", 0.0 if name == EMPTY else own.get(name, stiffness))
-    b = properties.number("damping", damping)
+    size = properties.numbers("size", (_SIZE[unit],), units)[0]
+    gap = properties.numbers("gap", (_GAP[unit],), units)[0]
+    stiffness = properties.number("stiffness", square * OBJECTS.get(name, WALL_STIFFNESS))
+    damping = properties.number("damping", square * WALL_DAMPING)
     properties.finish(_WORDS)
-    for key, value in (("size", size), ("gap", gap)):
+    for key, value in (("size", size), ("gap", gap), ("stiffness", stiffness)):
         if not 0.0 < value < inf:
-            raise properties.error(f"{key}={value:g}", f"{key}: above 0, such as {key}=30mm")
-    if name != EMPTY and not 0.0 < k < inf:
-        raise properties.error(f"stiffness={k:g}", f"stiffness: above 0, or {KIND}:{EMPTY} without an object")
-    if not 0.0 <= b < inf:
-        raise properties.error(f"damping={b:g}", "damping: 0 or above")
-    return Object(size, gap, k, b)
-
-
-def builder(text: str) -> Callable[..., GripScene] | None:
-    """A function that makes the world that `text` describes; None: the text describes no jaw."""
-    kinds = [kind_of(part)[0] for part in parts_in(text)]
-    if KIND not in kinds:
-        return None
-    if len(kinds) > 2 or kinds[-1] != KIND or kinds.count(KIND) > 1:
-        raise InvalidParameter("scene", text, "a scene and the jaw last, as in wall + grip, or grip alone")
-    return partial(grip_scene, text)
+            raise properties.error(f"{key}={value:g}", f"{key}: above 0, or {KIND}:{EMPTY} without an object")
+    if not 0.0 <= damping < inf:
+        raise properties.error(f"damping={damping:g}", "damping: 0 or above")
+    return Object(size, gap, stiffness, damping, name != EMPTY)
