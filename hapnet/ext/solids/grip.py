@@ -17,7 +17,6 @@ from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.solids.properties import UNITS, Properties, kind_of
 from hapnet.ext.solids.rigid import parts_in
-from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.registry import make_scene, scene_parameters
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS, Wall
@@ -137,23 +136,28 @@ def _alone(text: str, thing: Object, dof: int, min_s: float, max_s: float) -> Gr
 
 
 def _beside(name: str, text: str, thing: Object, dof: int, min_s: float, max_s: float) -> GripScene:
-    point = _point(text, name, {"step_min_s": min_s, "step_max_s": max_s, **({"dof": dof - 1} if dof else {})})
+    try:
+        point = _point(text, name, {"step_min_s": min_s, "step_max_s": max_s, **({"dof": dof - 1} if dof else {})})
+    except InvalidParameter as error:
+        if error.name != "dof":
+            raise
+        raise InvalidParameter("dof", dof, f"the axes of {name}, and one more for the jaw") from error
     if dof not in (0, point.dof + 1):
-        raise InvalidParameter("dof", dof, f"0 or {point.dof + 1}: the axes of {name}, and the opening of the jaw")
+        raise InvalidParameter("dof", dof, f"0 or {point.dof + 1}: the axes of {name}, and one more for the jaw")
     return thing.beside(text, point)
 
 
 def _point(text: str, name: str, given: Mapping[str, float]) -> Scene:
-    """The scene before the jaw. Raises InvalidParameter."""
+    """The scene before the jaw, whose walls have their own stiffness and damping. Raises InvalidParameter."""
     taken = scene_parameters(name)
-    at_lever = {"stiffness": WALL_STIFFNESS * LEVER_M**2, "damping": WALL_DAMPING * LEVER_M**2}
-    for own in ({}, at_lever):
-        point: World = make_scene(name, **{key: one for key, one in {**own, **given}.items() if key in taken})
-        if not isinstance(point, Scene) or len(units := set(units_of(point.units, point.dof))) > 1:
-            raise InvalidParameter("scene", text, "flat walls at rest before + grip: free, wall, box, paper or joints")
-        if units == {METRES}:
-            break
-    return point
+    used = {key: one for key, one in given.items() if key in taken}
+    scene = make_scene(name, **used)
+    if RADIANS in (units := set(units_of(scene.units, scene.dof))):
+        at_lever = {"stiffness": WALL_STIFFNESS * LEVER_M**2, "damping": WALL_DAMPING * LEVER_M**2}
+        scene = make_scene(name, **{key: one for key, one in at_lever.items() if key in taken}, **used)
+    if not isinstance(scene, Scene) or len(units) > 1:
+        raise InvalidParameter("scene", text, "flat walls at rest before + grip: free, wall, box, paper or joints")
+    return scene
 
 
 def _object(spec: str, unit: str) -> Object:
