@@ -49,10 +49,8 @@ class Gamepad(InputDevice):
         if len(numbers) != 3 or len(set(numbers)) != 3 or not all(number.isdecimal() for number in numbers):
             raise InvalidParameter("sticks", sticks, "three different numbers of axes for x, y and z, such as 0/1/4")
         self._places = {int(number): place for place, number in enumerate(numbers)}
-        if jaw < 0 or jaw in self._places:
-            raise InvalidParameter(
-                "jaw", jaw, f"the number of a trigger's axis, none of the sticks {sticks}; 0: no jaw"
-            )
+        if jaw < 0 or (jaw and jaw in self._places):
+            raise InvalidParameter("jaw", jaw, f"a trigger's axis, none of the sticks {sticks}; 0: no jaw")
         self._trigger, self._pressed, self.jaw = jaw, 0.0, jaw > 0
         super().__init__(dof, path, axes, reach, dead, rate)
         self.rumble: Rumble = Rumble.of(self._path)
