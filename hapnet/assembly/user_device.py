@@ -54,9 +54,7 @@ THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
 
 
-_WITH_JAW = (
-    "a device with a jaw, whose opening is the last axis of the scene (dhd, dynamixel, feetech, gamepad: option jaw=)"
-)
+_WITH_JAW = "a device with a jaw, the scene's last axis (option jaw= of dhd, dynamixel, feetech, gamepad)"
 _WITHOUT_JAW = "a device without a jaw, as the scene has none; for a jaw add it to the scene, as in 'wall + grip'"
 
 
