@@ -3,9 +3,11 @@
 `frame` shifts the leader's positions when they arrive, and the robot's positions when they are sent. So the robot's
 coupling and its account see no jump, and for the leader the robot is where the leader is.
 
-The opening of a jaw is not shifted for good: then a hand that is open could not open a jaw that is closed. A jaw holds
-its set-position until the leader's opening has come to it, and follows from then on; until then the leader's jaw is
-free.
+The opening of a jaw is 0 where it is closed, so its shift must vanish again. The jaw never moves by itself meanwhile:
+
+* If the leader's is more open, the jaw holds its set-position until the leader's has closed to it: it drops nothing.
+  Until then the leader's jaw is free.
+* If the leader's is more closed, the jaw moves with it, and the shift shrinks by each closing motion of the leader.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ def rest(coupling: CouplingState) -> None:
 
 
 CATCH_M = 1e-3
-"""A jaw follows its leader if their openings differ by less than this [m] or [rad], or have just crossed."""
+"""A jaw follows a leader that is more open by no more than this [m], or [rad]."""
 
 PAUSE_NS = 100_000_000
 """A leader from which nothing arrived for this time is away [ns]. A robot that follows a prediction takes some 50 ms to
@@ -53,10 +55,10 @@ class Reindexing:
 
     def __init__(self, frame: Frame, silence_ns: int, *, meets: bool) -> None:
         self.frame = frame
-        self._held: float | None = None
-        """The jaw's set-position while it waits for its leader; None: it follows, or there is none."""
-        self._gap: float | None = None
-        """How far that is from the leader's opening at the newest sample, while it waits."""
+        self._waits = False
+        """Whether the jaw waits for its leader's to close."""
+        self._opening = 0.0
+        """The opening of the leader's jaw."""
         self.leads = True
         """Whether the leader reports that it leads."""
         self._meets = meets
@@ -81,20 +83,22 @@ class Reindexing:
             self.due, self.moved = False, True
             self.frame.meet(coupling.set_position, vector_of(sample))
             before_ns = None
-        if self.frame.jaw and before_ns is None:
-            self._held, self._gap = coupling.set_position[-1], None
-        if self._held is not None:
-            self._hold_jaw(vector_of(sample)[-1])
-        return self._inward(sample) if self.moved or self._gap is not None else sample
+        if self.frame.jaw:
+            self._shift_jaw(vector_of(sample)[-1], coupling.set_position[-1] if before_ns is None else None)
+        return self._inward(sample) if self.moved else sample
 
-    def _hold_jaw(self, opening: float) -> None:
-        """Hold the jaw's set-position until the leader's `opening` has come to it."""
-        assert self._held is not None, "it is held"
-        gap, before = self._held - opening, self._gap
-        crossed = before is not None and before * gap <= 0.0
-        self._gap = None if crossed or abs(gap) <= CATCH_M else gap
-        if self._gap is None:
-            self._held = None
+    def _shift_jaw(self, opening: float, held: float | None) -> None:
+        """Update the shift of the jaw for the leader's `opening`. held : its set-position, if it is re-indexed now."""
+        before, self._opening = self._opening, opening
+        shift = self.frame.offset[-1]
+        if held is not None:
+            shift, self.moved = held - opening, True
+        elif self._waits:
+            shift += before - opening
+        elif shift > 0.0:
+            shift = max(0.0, shift - max(0.0, before - opening))
+        self._waits = shift < -CATCH_M
+        self.frame.offset = (*self.frame.offset[:-1], shift if self._waits else max(0.0, shift))
 
     def watch(self, coupling: CouplingState, now_ns: int) -> None:
         """Hold the robot where it is if nothing came for a while. Call it once a tick."""
@@ -105,30 +109,26 @@ class Reindexing:
     def _inward(self, sample: CouplingSample) -> CouplingSample:
         match sample:
             case PositionSample(position, level):
-                return PositionSample(self._own(position), level)
+                return PositionSample(self.frame.own(position), level)
             case MotionSample(position, velocity):
-                return MotionSample(self._own(position), velocity)
+                return MotionSample(self.frame.own(position), velocity)
             case PortSample(position, energy):
-                return PortSample(self._own(position), energy)
+                return PortSample(self.frame.own(position), energy)
             case ProxySample() | WaveSample():
                 raise TypeError("no leader's law sends proxies or waves to a robot that re-indexes")
             case _:
-                return self._own(sample)
-
-    def _own(self, x: Vector) -> Vector:
-        own = self.frame.own(x)
-        return own if self._gap is None else (*own[:-1], own[-1] + self._gap)
+                return self.frame.own(sample)
 
     def outward(self, sample: CouplingSample) -> CouplingSample:
         """Return a sample of the robot's coupling in the coordinates of the link."""
-        if not self.moved and self._gap is None:
+        if not self.moved:
             return sample
         frame = self.frame
         match sample:
             case ProxySample(position, _, force, planes, _, _):
                 seen = None if planes is None else tuple([frame.plane(one) for one in planes if self._sees(one)])
                 return sample._replace(
-                    position=self._coupled(position), force=self._seen(frame.coupled_force(force), 0.0), planes=seen
+                    position=self._coupled(position), force=self._free(frame.coupled_force(force), 0.0), planes=seen
                 )
             case PositionSample(position, level):
                 return PositionSample(self._coupled(position), level)
@@ -140,19 +140,22 @@ class Reindexing:
                 return self._coupled(sample)
 
     def _coupled(self, own: Vector) -> Vector:
-        opening = 0.0 if self._held is None or self._gap is None else self._held - self._gap
-        return self._seen(self.frame.coupled(own), opening)
+        return self._free(self.frame.coupled(own), self._opening)
 
-    def _seen(self, along: Vector, last: float) -> Vector:
-        """Values along the axes as the leader sees them; `last` replaces the last one while the jaw waits."""
-        return along if self._gap is None else (*along[:-1], last)
+    def _free(self, along: Vector, jaw: float) -> Vector:
+        """Values along the axes, with this one for the jaw while it waits."""
+        return (*along[:-1], jaw) if self._waits else along
 
     def _sees(self, plane: Plane) -> bool:
-        return self._gap is None or plane.normal[-1] == 0.0
+        return not self._waits or plane.normal[-1] == 0.0
 
     def recorded(self, sample: Any) -> Any:
-        """A sample of the robot in the leader's coordinates, for recordings."""
+        """A sample of the robot in the leader's coordinates, for recordings; a jaw's opening is not shifted."""
         if not self.moved or not isinstance(sample, WorldSample):
             return sample
         frame = self.frame
-        return sample.moved(frame.coupled, frame.velocity, frame.coupled_force)
+
+        def placed(own: Vector) -> Vector:
+            return (*frame.coupled(own)[:-1], own[-1]) if frame.jaw else frame.coupled(own)
+
+        return sample.moved(placed, frame.velocity, frame.coupled_force)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from hapnet.recording.mcap import read_recording
+from tests.support.buses import urdf
 from tests.support.processes import Emulator, started
 
 
@@ -44,3 +46,26 @@ def test_the_arm_follows_a_leader(tmp_path: Path) -> None:
         assert world["ledger"]["slack_J"] >= -1e-12
         assert summary["motion"]["free_rms_m"] < 0.02
         assert emulator.ended()["most_given_J"] <= summary["theorem"]["bound_J"] + world["quantisation_J"]
+
+
+@pytest.mark.slow
+def test_the_jaw_of_an_arm_follows_a_grip(tmp_path: Path) -> None:
+    """The jaw is 30 mm open, and a hand of 0.2 Nm/rad holds it; its leader's closes from 50 to 10 mm over 4g."""
+    arm = f"arm={urdf(tmp_path, 4)},tip=l4"
+    hand = ("--operator", "rest", "--set", "operator_model.stiffness=0.2", "--set", "operator_model.mass=0.001")
+    with Emulator("dynamixel", tmp_path, *arm.split(","), more=hand) as emulator:
+        follower = f"{emulator.device},{arm},jaw=0.02"
+        press = ("--operator", "press", "--set", "operator_model.hold_s=3", "--set", "operator_model.wait_s=0.5")
+        given = ("--scene", "free?dof=3 + grip:empty", *press, "--duration", 4, "--link", "4g", "--json", "-")
+        with started("run", "--follower", follower, *given, "--out", tmp_path / "run") as program:
+            summary = program.summary()
+        assert summary["verdict"]["passive"] is not False
+        world = summary["world"]
+        assert world["force"] == "applied"
+        assert world["ledger"]["slack_J"] >= -1e-12
+        assert emulator.ended()["most_given_J"] <= summary["theorem"]["bound_J"] + world["quantisation_J"]
+    recorded = read_recording(tmp_path / "run" / "run.mcap").world
+    assert recorded is not None
+    opening = recorded["position_m"][:, 3]
+    assert opening[0] == pytest.approx(0.03, abs=0.005)
+    assert opening[-1] < 0.02
