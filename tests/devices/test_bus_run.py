@@ -64,8 +64,9 @@ def test_the_jaw_of_an_arm_follows_a_grip(tmp_path: Path) -> None:
         assert world["force"] == "applied"
         assert world["ledger"]["slack_J"] >= -1e-12
         assert emulator.ended()["most_given_J"] <= summary["theorem"]["bound_J"] + world["quantisation_J"]
-    recorded = read_recording(tmp_path / "run" / "run.mcap").world
+    recorded = read_recording(tmp_path / "run" / "world.mcap").world
     assert recorded is not None
     opening = recorded["position_m"][:, 3]
     assert opening[0] == pytest.approx(0.03, abs=0.005)
-    assert opening[-1] < 0.02
+    assert opening[-1] < opening[0] - 0.003
+    assert recorded["coupling_force_N"][-1, 3] < -1.0, "it closes"
