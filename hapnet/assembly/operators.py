@@ -19,9 +19,9 @@ from hapnet.loading import extension, failure, load
 from hapnet.params import RELAXED_HAND, Params, is_simulated
 from hapnet.plant.generated_hand import GeneratedHand, Tremor
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.natural_hands import Strokes, Writing
+from hapnet.plant.natural_hands import Displaced, Strokes, Writing
 from hapnet.plant.operating_range import in_millimetres
-from hapnet.plant.operator import Displaced, Followed, HeldAtEnd, Impedance, Operator, Press, Rest, Sine
+from hapnet.plant.operator import Followed, HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
 from hapnet.recording.hand import is_recording, recorded_hand
 from hapnet.recording.motion import read_motion

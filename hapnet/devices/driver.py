@@ -22,6 +22,8 @@ class Driver(ABC):
 
     All lengths are in metres, forces in newtons, in a right-handed frame: x to the right, y away from the user, z up.
     None means not declared: then the run's parameter is used, or nothing is limited.
+
+    More than twenty attributes: one for each declaration that a device may make.
     """
 
     about: ClassVar[str] = ""

@@ -149,17 +149,6 @@ class Press:
         return np.stack([a + share * offset for a, offset in self._axes], axis=1)
 
 
-class Displaced:
-    """A hand whose motion is displaced: to begin at `rest` (n,) [m] instead of the origin."""
-
-    def __init__(self, hand: Operator, rest: Vector) -> None:
-        self.impedance: Impedance = hand.impedance
-        self._hand, self._rest = hand, rest
-
-    def reference(self, t: float) -> Vector:
-        return tuple([x + r for x, r in zip(self._hand.reference(t), self._rest, strict=True)])
-
-
 class HeldAtEnd:
     """A hand that ends its motion: it goes to rest in a minimum-jerk blend, and holds still from then on.
 

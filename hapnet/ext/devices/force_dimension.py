@@ -159,8 +159,6 @@ class ForceDimension(Driver):
         limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
         self.force_limit = limits.force_N
         self.workspace: float | Vector = limits.reach_m
-        self._open = 1.0
-        """The sign of the library's grip force that opens: it is negative for a left hand."""
         if jaw:
             self._take_grip(limits)
         self.stiffness_range = (0.0, limits.stiffness)
@@ -174,7 +172,6 @@ class ForceDimension(Driver):
         if not (hasattr(dhd, "dhdHasActiveGripper") and dhd.dhdHasActiveGripper(own)):
             self.close()
             raise HapnetError(f"{self.name} has no grip with motors: leave out jaw=yes, and + grip in the scene")
-        self._open = -1.0 if dhd.dhdIsLeftHanded(own) else 1.0
         self.apply_wrench = None
         self.force_limit = min(limits.force_N, _GRIP_N)
         self.workspace = (*(limits.reach_m,) * (self.dof - 1), _GRIP_M)
@@ -233,7 +230,7 @@ class ForceDimension(Driver):
         if not self.jaw:
             return x, v
         (gap,), (rate,) = self._numbers("dhdGetGripperGap", 1), self._numbers("dhdGetGripperLinearVelocity", 1)
-        return (*x, gap), (*v, self._open * rate)
+        return (*x, gap), (*v, self._opening_sign() * rate)
 
     def apply(self, force: Vector) -> Vector:
         """Hold this force; it is zero while the device has its forces off. After its watchdog they are enabled again.
@@ -253,13 +250,17 @@ class ForceDimension(Driver):
 
     def _apply_with_grip(self, force: Vector) -> Vector:
         *push, grip = force
-        theirs = (*_theirs(self._axes.spread(tuple(push))), self._open * grip)
+        theirs = (*_theirs(self._axes.spread(tuple(push))), self._opening_sign() * grip)
         if self._dhd.dhdSetForceAndGripperForce(*theirs, self._id) < 0:
             raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
         if not self._renders():
             return (0.0,) * self.dof
         applied = self._numbers("dhdGetForceAndTorqueAndGripperForce", 7)
-        return (*self._axes.take(_to_hapnet(applied[:3])), self._open * applied[6])
+        return (*self._axes.take(_to_hapnet(applied[:3])), self._opening_sign() * applied[6])
+
+    def _opening_sign(self) -> float:
+        """The sign of the library's grip force and velocity that open: negative for a left hand."""
+        return -1.0 if self._dhd.dhdIsLeftHanded(self._id) else 1.0
 
     def _apply_wrench(self, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
         none = (0.0,) * self.dof, (0.0,) * 3

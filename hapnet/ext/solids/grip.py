@@ -61,7 +61,7 @@ class GripScene(Scene):
 
 
 class Object(NamedTuple):
-    """What is between the jaws. size, gap : its size, and the way of the open jaw to it. is_there : False: nothing."""
+    """The object between the jaws. size, gap : its size, and the way of the open jaw to it. is_there : False: none."""
 
     size: float
     gap: float
