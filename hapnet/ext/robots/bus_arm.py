@@ -67,6 +67,8 @@ class BusArm(Driver):
     jaw : the last joint is a jaw that opens by so much per radian [m/rad], negative if it closes as its angle grows;
     with axes=joints its opening is the angle, and only the sign counts. 0: no jaw.
 
+    More than twenty attributes: a device's declarations, the makers' tables, and the state of a bus.
+
     Raises InvalidParameter: a value is not allowed. MissingLibrary: pyserial is not installed. HapnetError: a servo
     does not answer, has a setting that differs from the calibration, or answers too late.
     """
