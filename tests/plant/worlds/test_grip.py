@@ -207,3 +207,36 @@ def test_a_jaw_has_no_offset() -> None:
     frame.meet((0.3, 0.04), (0.1, 0.05))
     assert frame.offset == pytest.approx((0.1, 0.0))
     assert dataclasses.replace(frame, jaw=False).coupled((0.3, 0.04)) == pytest.approx((0.1, 0.02))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_both_ends_are_passive_over_any_link(seed: int) -> None:
+    """Random delays to 200 ms, jitter, 40 % of loss and cuts; scales, a clutch, encoders; with and without a robot."""
+    rng = np.random.default_rng([seed, 51])
+    scenes = ("grip:soft", "grip:hard", "wall + grip:hard", "free?dof=2 + grip?stiffness=20000")
+    link = f"delay {rng.integers(0, 200)}ms {rng.integers(1, 30)}ms loss {rng.integers(0, 40)}%"
+    down_s = float(rng.uniform(1.0, 2.0))
+    timeline = f"at {down_s:.3f}s: down; at {down_s + 0.8:.3f}s: up"
+    robot: dict[str, object] = {
+        "follower.robot": "simulated", "follower.motion_scale": float(rng.uniform(0.3, 3.0)),
+        "follower.force_scale": float(rng.uniform(0.3, 3.0)), "follower.resolution_m": float(rng.choice([0.0, 5e-5])),
+        "follower.feedback": str(rng.choice(["position", "force", "planes"])),
+        "follower.start": str(rng.choice(["here", "origin"])),
+        "follower.on_stop": str(rng.choice(["freeze", "release"])), "device.enable": "0-2.2, 2.6-9",
+    }  # fmt: skip
+    result = run(
+        str(rng.choice(scenes)),
+        {
+            "duration_s": 5.0, "operator_model.hold_s": 1.0, "operator_model.reach_s": 0.4,
+            "link.up_timeline": timeline, "link.down_timeline": timeline, "device.clutch": "3.0-3.4",
+            "device.resolution_m": float(rng.choice([0.0, 5e-5])), **(robot if seed % 3 else {}),
+        },
+        link,
+        seed,
+    )  # fmt: skip
+    sides: list[Any] = [result.summary["device"], result.summary["world"]]
+    margin: Any = result.summary["theorem"]["margin_J"]
+    assert min(one["ledger"]["slack_J"] for one in sides) >= -1e-12
+    assert margin >= 0.0
+    assert result.summary["verdict"]["passive"] is not False
