@@ -143,7 +143,7 @@ class BusArm(Driver):
         self.force_limit: float = least if self.has_force else NO_FORCE
         self._work = MotorWork(dof, least if self.has_force else None)
         self.resolution: float = COUNT_RAD if by_joints else COUNT_RAD * max(abs(jaw), added(table.reaches))
-        self.workspace: float = 2.0 * math.pi if by_joints else 2.0 * max(table.reaches)
+        self.workspace: float = 2.0 * (math.pi if by_joints else max(*table.reaches, math.pi * abs(jaw)))
         self.smallest_mass: float | None = 1.0  # without force this has no effect
         if self.has_force:
             self.smallest_mass = None if by_joints or jaw else apparent_masses(table)[0]
