@@ -95,7 +95,7 @@ class UserDevice:
         self._is_posed = units == POSE
         self._optional: frozenset[str] = frozenset(part for part in _OPTIONAL if self._can(part))
         with closed_if_refused(self):
-            if jaw is not None and bool(getattr(self.device, "jaw", False)) is not jaw:
+            if jaw is not None and self.jaw is not jaw:
                 raise InvalidParameter("hardware", name, _WITH_JAW if jaw else _WITHOUT_JAW)
             self._examine(params or DeviceParams(), params is not None, units)
 
@@ -222,6 +222,11 @@ class UserDevice:
     def braked(self) -> str:
         """The reason why the device renders no force now; empty: it does. Raises HapnetError: it fails."""
         return str(self._call("braked")) if "braked" in self._optional else ""
+
+    @property
+    def jaw(self) -> bool:
+        """Whether its last axis is the opening of a jaw."""
+        return bool(getattr(self.device, "jaw", False))
 
     @property
     def missed(self) -> int:
