@@ -1,6 +1,7 @@
 """A jaw that grips an object: its scenes, the felt force over a network, and what the jaw does when the link goes."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane
 from hapnet.params import Params
+from hapnet.plant.force_probe import Agreement
 from hapnet.plant.worlds.registry import make_scene
 from hapnet.side.reindexing import Reindexing
 from tests.conftest import mostly_slow
@@ -207,6 +209,15 @@ def test_a_jaw_has_no_offset() -> None:
     frame.meet((0.3, 0.04), (0.1, 0.05))
     assert frame.offset == pytest.approx((0.1, 0.0))
     assert dataclasses.replace(frame, jaw=False).coupled((0.3, 0.04)) == pytest.approx((0.1, 0.02))
+
+
+@pytest.mark.parametrize(("axes", "still"), [(None, True), (1, False), (0, False)])
+def test_a_jaw_may_stand_still_on_a_stiff_object(axes: int | None, still: bool) -> None:
+    """The handle moves, or there is none; only the jaw's force changes."""
+    watch, said = Agreement(axes), ""
+    for k in range(500):
+        said = said or watch.wrong(1e-3, (0.0, 3.0 * math.sin(0.02 * k)), (0.01, 0.03))
+    assert bool(said) == still
 
 
 @pytest.mark.slow
