@@ -183,6 +183,7 @@ _MODULES = {
     "soft": "hapnet.ext.soft.soft",
     "tools' worlds": "hapnet.ext.tools.scene",
     "solids": "hapnet.ext.solids.rigid",
+    "grips": "hapnet.ext.solids.grip",
     "shared": "hapnet.ext.many.shared",
     "graphs": "hapnet.ext.many.commands.graph",
     "seats": "hapnet.ext.many.commands.live",
@@ -190,7 +191,7 @@ _MODULES = {
     "own worlds": "hapnet.ext.engines.own_worlds",
 }
 
-WORLDS = ("mujoco", "soft", "shared", "tools' worlds", "solids")
+WORLDS = ("grips", "mujoco", "soft", "shared", "tools' worlds", "solids")
 """The kinds of worlds that a text describes, in the order in which `hapnet.plant.worlds.registry` tries them."""
 
 

@@ -112,7 +112,7 @@ class Params(Section):
     scene: str = _p(
         "wall",
         "free, wall, box, paper, moving, joints, solids (sphere, mesh:FILE, sdf:...), tool:box + solids, soft, "
-        "mujoco:FILE.xml, module:name",
+        "wall + grip, mujoco:FILE.xml, module:name",
     )
     operator: str = _p(
         "press", "rest, sine, press, hand-N, strokes-N, writing-N, a recording, module:Class; mouse: hapnet play"

@@ -69,6 +69,12 @@ def _unusable(found: Callable[..., Any], made: Callable[..., Any], *, takes_posi
     return ""
 
 
+def may_have_jaw(made: Callable[..., Any]) -> bool:
+    """Whether a device can have a jaw: its class declares it, or the option `jaw` is set, or nothing is known."""
+    bound = made if isinstance(made, partial) else partial(made)
+    return not isinstance(bound.func, type) or bool(getattr(bound.func, "jaw", False) or bound.keywords.get("jaw"))
+
+
 def servo_rate(hardware: str, wanted_hz: float) -> float:
     """The rate of the servo [Hz]: the wanted rate, or the device's own if that is lower.
 

@@ -60,7 +60,7 @@ class Follower:
             return None
         arms = self.arms(params)
         length = ARM_M if arms is None else ARM_M * arms.back.times
-        frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof)
+        frame = PoseFrame(1.0, 1.0, length) if scene.units == POSE else Frame(1.0, 1.0, (0.0,) * scene.dof, scene.jaw)
         return Reindexing(frame, round(params.world.silence_after_s / NANO), meets=self.meets_here(params))
 
     def leaders_stiffness(self, params: Params, dof: int) -> Vector:

@@ -19,7 +19,7 @@ from hapnet.loading import extension, failure, load
 from hapnet.params import RELAXED_HAND, Params, is_simulated
 from hapnet.plant.generated_hand import GeneratedHand, Tremor
 from hapnet.plant.live_hand import LiveHand
-from hapnet.plant.natural_hands import Strokes, Writing
+from hapnet.plant.natural_hands import Displaced, Strokes, Writing
 from hapnet.plant.operating_range import in_millimetres
 from hapnet.plant.operator import Followed, HeldAtEnd, Impedance, Operator, Press, Rest, Sine
 from hapnet.plant.worlds.protocol import World
@@ -71,7 +71,7 @@ def _intending(params: Params, scene: World) -> Operator:
     # The sine ends as it begins, at rest in its centre; a press ends at its goal, in the wall.
     over_s, at = _BLEND_S, None
     if isinstance(moving, Sine):
-        over_s, at = 0.5 / hand.frequency_hz if hand.frequency_hz else _BLEND_S, (0.0,) * scene.dof
+        over_s, at = 0.5 / hand.frequency_hz if hand.frequency_hz else _BLEND_S, _rest(scene)
     elif isinstance(moving, Press):
         over_s, at = hand.reach_s, _along(scene, hand.goal_m)
     from_s = params.duration_s - hand.end_hold_s - over_s
@@ -79,9 +79,16 @@ def _intending(params: Params, scene: World) -> Operator:
 
 
 def _along(scene: World, distance: float) -> Vector:
-    """The point at this distance from the origin along the first wall's normal [m]."""
-    normal = scene.walls[0].normal if scene.walls else (1.0, *(0.0,) * (scene.dof - 1))
-    return tuple([distance * component for component in normal])
+    """The point at this distance from the hand's start, in the direction in which it presses [m]."""
+    return tuple([x + distance * n for x, n in zip(_rest(scene), _pressed(scene), strict=True)])
+
+
+def _rest(scene: World) -> Vector:
+    return scene.rest or (0.0,) * scene.dof
+
+
+def _pressed(scene: World) -> Vector:
+    return scene.pressed or (1.0, *(0.0,) * (scene.dof - 1))
 
 
 def _moving(params: Params, scene: World) -> Operator:
@@ -97,16 +104,18 @@ def _moving(params: Params, scene: World) -> Operator:
         return Rest(dof, impedance, start)
     if name == "sine":
         start_s = hand.start_periods / hand.frequency_hz if hand.frequency_hz else 0.0
-        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz, start_s=start_s)
+        return Sine(dof, impedance, hand.amplitude_m, hand.frequency_hz, _rest(scene), start_s)
     if name == "press":
         goal = _along(scene, hand.goal_m)
         return Press(start, goal, impedance, reach=hand.reach_s, hold=hand.hold_s, wait=hand.wait_s)
     if found := re.fullmatch(r"hand-([1-9]\d{0,8})", name):
-        return _generated(int(found[1]), _along(scene, 1.0), LEVER_M if params.units == RADIANS else 1.0)
+        generated = _generated(int(found[1]), _pressed(scene), LEVER_M if params.units == RADIANS else 1.0)
+        return Displaced(generated, scene.rest) if any(scene.rest) else generated
     if found := re.fullmatch(r"(strokes|writing)-([1-9]\d{0,8})", name):
         if RADIANS in units_of(scene.units, dof):
             raise InvalidParameter("operator", name, "", why=f"this hand moves to places in metres, {_NOT_ANGLES}")
-        return _natural(found[1], int(found[2]), dof, impedance)
+        natural = _natural(found[1], int(found[2]), dof, impedance)
+        return Displaced(natural, scene.rest) if any(scene.rest) else natural
     if is_recording(name):
         return recorded_hand(name, dof, impedance, reach)
     if name.endswith(".csv") or Path(name).exists():

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hapnet import checks
-from hapnet.assembly.device_class import allowed, declared_range, load_class
+from hapnet.assembly.device_class import allowed, declared_range, load_class, may_have_jaw
 from hapnet.assembly.own_parts import closed_if_refused
 from hapnet.checks import Vector
 from hapnet.couplings import held_torque
@@ -54,6 +54,10 @@ THERMAL_S = 10.0
 """Time constant of a device that declares a continuous force, but not how fast its actuators heat up [s]."""
 
 
+_WITH_JAW = "a device with a jaw, the scene's last axis (option jaw= of dhd, dynamixel, feetech, gamepad)"
+_WITHOUT_JAW = "a device without a jaw, as the scene has none; for a jaw add it to the scene, as in 'wall + grip'"
+
+
 _OPTIONAL = ("acted", "orientation", "interval", "contact_force", "buttons", "braked")
 """The methods that a driver may lack."""
 
@@ -61,7 +65,8 @@ _OPTIONAL = ("acted", "orientation", "interval", "contact_force", "buttons", "br
 class UserDevice:
     """The device `name`, made with ``dof`` and read once. `params` replace values that it does not declare.
 
-    units : of the scene's axes; empty: the device's own.
+    units : of the scene's axes; empty: the device's own. jaw : whether the scene's last axis is the opening of a jaw;
+    None: as the device's.
 
     Its driver may fail at any time, and a NaN would become a force. So any error that it raises, and any reading that
     is not two times `dof` finite numbers, becomes one HapnetError that names the device.
@@ -69,10 +74,14 @@ class UserDevice:
     Raises InvalidParameter: the device lacks a part, or its first reading does not fit. HapnetError: it cannot be made.
     """
 
-    def __init__(self, name: str, dof: int, params: DeviceParams | None = None, units: str = "") -> None:
+    def __init__(
+        self, name: str, dof: int, params: DeviceParams | None = None, units: str = "", jaw: bool | None = None
+    ) -> None:
         self.name: str = name
         self.dof: int = dof
         make = load_class(name)
+        if jaw and not may_have_jaw(make):
+            raise InvalidParameter("hardware", name, _WITH_JAW)
         try:
             self.device: Device = (
                 extension("tools' drivers").Posed(make(dof=3), name) if units == POSE else make(dof=dof)
@@ -86,6 +95,8 @@ class UserDevice:
         self._is_posed = units == POSE
         self._optional: frozenset[str] = frozenset(part for part in _OPTIONAL if self._can(part))
         with closed_if_refused(self):
+            if jaw is not None and self.jaw is not jaw:
+                raise InvalidParameter("hardware", name, _WITH_JAW if jaw else _WITHOUT_JAW)
             self._examine(params or DeviceParams(), params is not None, units)
 
     def _examine(self, params: DeviceParams, is_run: bool, units: str) -> None:
@@ -211,6 +222,11 @@ class UserDevice:
     def braked(self) -> str:
         """The reason why the device renders no force now; empty: it does. Raises HapnetError: it fails."""
         return str(self._call("braked")) if "braked" in self._optional else ""
+
+    @property
+    def jaw(self) -> bool:
+        """Whether its last axis is the opening of a jaw."""
+        return bool(getattr(self.device, "jaw", False))
 
     @property
     def missed(self) -> int:

@@ -21,7 +21,7 @@ from hapnet.units import within
 def user_device_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write) -> DeviceSide:
     """Make the side of a user's own device, which only a sampled servo can drive."""
     params = setup.params
-    device = UserDevice(params.hardware, setup.dof, params.device, setup.units)
+    device = UserDevice(params.hardware, setup.dof, params.device, setup.units, setup.scene.jaw)
     with closed_if_refused(device):
         declared_by = "device.stiffness_range" if getattr(device.device, "stiffness_range", None) is None else ""
         unit = within(setup.units, "N/m")

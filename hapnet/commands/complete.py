@@ -70,7 +70,7 @@ def scenes() -> list[tuple[str, str]]:
     from hapnet.plant.scenes import SCENES
     from hapnet.plant.worlds.registry import GROUP, about
 
-    others = [*extension("solids").OFFERED, *extension("tools' worlds").OFFERED]
+    others = [*extension("solids").OFFERED, *extension("tools' worlds").OFFERED, *extension("grips").OFFERED]
     others += [("soft", "a soft block"), ("soft:organ", "a soft organ")]
     return [*((name, about(name)) for name in SCENES), *others, *((name, "") for name in published(GROUP))]
 

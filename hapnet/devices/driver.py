@@ -22,6 +22,8 @@ class Driver(ABC):
 
     All lengths are in metres, forces in newtons, in a right-handed frame: x to the right, y away from the user, z up.
     None means not declared: then the run's parameter is used, or nothing is limited.
+
+    More than twenty attributes: one for each declaration that a device may make.
     """
 
     about: ClassVar[str] = ""
@@ -39,6 +41,9 @@ class Driver(ABC):
     """Whether `read` waits for the next reading of the device. If so, the device sets the servo's pace."""
 
     dof: int
+    jaw: bool = False
+    """Whether the last axis is the opening of a jaw, 0 where it is closed. A class that can have one, has an option of
+    this name; one that always has one, declares it as a class attribute."""
     force_limit: float | None = None
     """The maximum force of the actuators [N]."""
     resolution: float = 0.0

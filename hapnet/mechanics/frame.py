@@ -20,11 +20,14 @@ from hapnet.records.vectors import inner
 
 @dataclass
 class Frame:
-    """motion : a, the device's motion per coupling's. force : b, the coupling's force per device's. offset : o [m]."""
+    """motion : a, the device's motion per coupling's. force : b, the coupling's force per device's. offset : o [m].
+    jaw : whether the last axis is the opening of a jaw: it is 0 where the jaw is closed, so it never has an offset.
+    """
 
     motion: float
     force: float
     offset: Vector
+    jaw: bool = False
 
     @property
     def energy(self) -> float:
@@ -46,7 +49,8 @@ class Frame:
 
     def meet(self, own: Sequence[float], x: Sequence[float]) -> None:
         """Choose o so that the device's own position `own` is x [m]."""
-        self.offset = tuple([part - self.motion * coupled for part, coupled in zip(own, x, strict=True)])
+        offset = tuple([part - self.motion * coupled for part, coupled in zip(own, x, strict=True)])
+        self.offset = (*offset[:-1], 0.0) if self.jaw else offset
 
     def reach(self, reach_m: float) -> float:
         """Convert the coupling's distance `reach_m` to the device's own [m]."""

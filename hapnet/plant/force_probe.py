@@ -171,14 +171,19 @@ GAP_S = 0.05
 
 
 class Agreement:
-    """Checks that the position changes when the force does."""
+    """Checks that the position changes when the force does, along the first `axes`; None: along all.
 
-    def __init__(self) -> None:
+    A jaw is left out: on a stiff object it rests whatever its force is.
+    """
+
+    def __init__(self, axes: int | None = None) -> None:
+        self._axes = axes
         self._still: tuple[Vector, Vector] | None = None
         self._still_s = self._most_N = 0.0
 
     def wrong(self, dt: float, acted: Vector, x: Vector) -> str:
         """Take a reading, and the force that acted for `dt` seconds before it; returns an error message, or ""."""
+        acted, x = acted[: self._axes], x[: self._axes]
         if dt > GAP_S:
             self._still = None
             return ""
@@ -195,8 +200,8 @@ class Agreement:
 class ForceChecks:
     """All checks of a device's force and motion, at the start and while it runs.
 
-    start : pushes the handle before control begins; None: there is no check, or it is over. Other parameters as for
-    `ForceProbe`.
+    start : pushes the handle before control begins; None: there is no check, or it is over. axes : as for `Agreement`.
+    Other parameters as for `ForceProbe`.
 
     Attributes
     ----------
@@ -204,11 +209,18 @@ class ForceChecks:
     probe : None: nothing was pushed at the start, so nothing is probed.
     """
 
-    def __init__(self, start: ActuatorCheck | None, period_s: float, mass: float | None, resolution: float) -> None:
+    def __init__(
+        self,
+        start: ActuatorCheck | None,
+        period_s: float,
+        mass: float | None,
+        resolution: float,
+        axes: int | None = None,
+    ) -> None:
         self.start = start
         self.masses: Vector = ()
         self.impossible = ""
-        self.agreement = Agreement()
+        self.agreement = Agreement(axes)
         self.probe = None if start is None else ForceProbe(period_s, mass, resolution)
         self._period_s, self._resolution = period_s, resolution
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapnet.checks import Array, Vector
-from hapnet.plant.operator import Impedance, minimum_jerks
+from hapnet.plant.operator import Impedance, Operator, minimum_jerks
 
 WALL_M = 0.02
 LASTS_S = 620.0
@@ -95,3 +95,14 @@ class Writing:
 
     def reference(self, t: float) -> Vector:
         return tuple(self.path(np.array([t]))[0].tolist())
+
+
+class Displaced:
+    """A hand whose motion is displaced: to begin at `rest` (n,) [m] instead of the origin."""
+
+    def __init__(self, hand: Operator, rest: Vector) -> None:
+        self.impedance: Impedance = hand.impedance
+        self._hand, self._rest = hand, rest
+
+    def reference(self, t: float) -> Vector:
+        return tuple([x + r for x, r in zip(self._hand.reference(t), self._rest, strict=True)])

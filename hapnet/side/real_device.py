@@ -57,7 +57,8 @@ class RealDeviceSide(SampledDeviceSide):
         super().__init__(endpoint, device, make_servo, drive, declared)
         self.limiter = limiter
         self._contact = contact
-        self._checks = ForceChecks(check, drive.period_ns * NANO, device.smallest_mass, device.resolution)
+        period_s, axes = drive.period_ns * NANO, device.dof - 1 if device.jaw else None
+        self._checks = ForceChecks(check, period_s, device.smallest_mass, device.resolution, axes)
         self._begun = self._closed = False
         patience_ns = drive.watchdog_ns or 0
         if device.watchdog_s is not None:

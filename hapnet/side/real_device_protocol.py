@@ -24,6 +24,10 @@ class RealDevice(Device, Protocol):
     """Whether the result of `acted` comes from the device itself."""
 
     @property
+    def jaw(self) -> bool:
+        """Whether its last axis is the opening of a jaw."""
+
+    @property
     def blocks(self) -> bool:
         """Whether `read` waits for its next reading."""
 

@@ -357,3 +357,17 @@ def test_a_motor_connected_the_wrong_way_round_is_seen_and_rationed(monkeypatch:
     assert ledger["margin_J"] >= 0.0
     assert result.summary["hand"]["margin_J"] >= 0.0
     assert abs(ledger["slack_J"]) <= 1e-9
+
+
+class Jawed(Still):
+    jaw = True
+
+
+def test_a_scene_with_a_jaw_needs_a_device_with_one() -> None:
+    here = "tests.assembly.test_user_device:"
+    assert UserDevice(here + "Jawed", 2, jaw=True).read()
+    assert UserDevice(here + "Jawed", 2).read(), "to measure it alone"
+    with pytest.raises(InvalidParameter, match="Still'; allowed: a device with a jaw, the scene's last axis"):
+        UserDevice(here + "Still", 2, jaw=True)
+    with pytest.raises(InvalidParameter, match="Jawed'; allowed: a device without a jaw, as the scene has none"):
+        UserDevice(here + "Jawed", 2, jaw=False)

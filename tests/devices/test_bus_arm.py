@@ -17,7 +17,7 @@ from hapnet.ext.robots.dynamixel import Dynamixel
 from hapnet.ext.robots.feetech import Feetech
 from hapnet.plant.operator import Rest, Sine
 from tests.conftest import mostly_slow
-from tests.support.buses import HAND, bus
+from tests.support.buses import HAND, bus, urdf
 from tests.support.processes import until
 
 NM_A_COUNT = 0.52 / 1.47 * 1e-3  # XL330-M288, e-manual: stall torque over stall current, 1 mA
@@ -359,3 +359,61 @@ def test_what_is_refused() -> None:
         emulator.servos[2].broken = True
         with pytest.raises(HapnetError, match="no answer of servo 2 at"):
             Dynamixel(3, emulator.address)
+
+
+# A jaw
+
+
+@pytest.mark.parametrize("lever", [0.08, -0.08])
+def test_the_last_joint_is_a_jaw(lever: float, tmp_path: Path) -> None:
+    """It is closed at its stop, -1 or 2 rad, and its motor gets the lever's torque and the weight's."""
+    arm_file = str(urdf(tmp_path, 4))
+    hand = Rest(4, HAND, (0.0, 0.2, 0.1, 0.5))
+    with (
+        bus(hand=hand, arm=arm_file, tip="l4") as emulator,
+        opened(Dynamixel, emulator, 4, arm=arm_file, tip="l4", jaw=lever) as arm,
+    ):
+        assert arm.jaw
+        x, _ = arm.read()
+        q = arm._posture.q
+        assert x[3] == pytest.approx(0.08 * (q[3] + 1.0 if lever > 0.0 else 2.0 - q[3]), abs=1e-12)
+        arm.begin()
+        arm.apply((0.0, 0.0, 0.0, 0.0))
+        without = commanded(arm, emulator)
+        assert arm.apply((0.0, 0.0, 0.0, -1.5)) == (0.0, 0.0, 0.0, -1.5)
+        more = [a - b for a, b in zip(commanded(arm, emulator), without, strict=True)]
+        assert more == pytest.approx([0.0, 0.0, 0.0, -1.5 * lever], abs=1.5 * NM_A_COUNT)
+        # an arm beyond its motors' limits does not loosen the grip
+        given = arm.apply((500.0, 500.0, 500.0, -1.5))
+        assert given[3] == -1.5
+        assert given[0] == given[1] == given[2] < 100.0
+
+
+def test_a_jaw_joint_by_joint_is_an_angle_from_its_stop(tmp_path: Path) -> None:
+    arm_file = str(urdf(tmp_path, 3))
+    with (
+        bus(hand=Rest(3, HAND, (0.1, 0.2, 0.5)), arm=arm_file, tip="l3") as emulator,
+        opened(Dynamixel, emulator, 3, arm=arm_file, tip="l3", jaw=0.1, axes="joints") as arm,
+    ):
+        x, _ = arm.read()
+        q = arm._posture.q
+        assert (arm.units, arm.jaw) == ("rad", True)
+        assert x == pytest.approx((q[0] - 0.5, q[1] - 0.5, q[2] + 1.0)), "home is the middle of the range"
+
+
+def test_a_jaw_of_servos_without_current_control_leads_without_force(tmp_path: Path) -> None:
+    """As that of SO-101, with its ST3215."""
+    arm_file = str(urdf(tmp_path, 2))
+    with (
+        bus(FeetechEmulator, Rest(2, HAND, (0.1, 0.5)), arm=arm_file, tip="l2") as emulator,
+        opened(Feetech, emulator, 2, arm=arm_file, tip="l2", jaw=0.1, axes="y") as arm,
+    ):
+        assert arm.read()[0][1] == pytest.approx(0.1 * (arm._posture.q[1] + 1.0))
+        assert arm.force_limit == 1e-6
+        arm.begin()
+        assert arm.apply((1.0, -1.0)) == (0.0, 0.0)
+
+
+def test_a_jaw_that_opens_by_metres_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidParameter, match="jaw is 80"):
+        Dynamixel(4, "/dev/null", jaw=80.0)

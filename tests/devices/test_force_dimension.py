@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter
+from hapnet.ext.devices import force_dimension
 from hapnet.ext.devices.force_dimension import ForceDimension
 from hapnet.ext.tools.posed import Posed
 from hapnet.mechanics.pose import ARM_M, along_coordinates, coordinates
@@ -49,6 +50,7 @@ def stand_in(library: str) -> ctypes.CDLL:
     stub.stub_set(0, 0, 0, 0)
     stub.stub_more(1, 0, 1)
     stub.stub_wrist(0)
+    stub.stub_grip(0, 0)
     stub.stub_ints(17)
     stub.stub_frame((ctypes.c_double * 9)(1, 0, 0, 0, 1, 0, 0, 0, 1))
     return stub
@@ -292,6 +294,58 @@ def test_a_tools_pose_moves_and_feels_it(library: str, stub: ctypes.CDLL) -> Non
     device.close()
 
 
+@pytest.mark.parametrize("left", [0, 1])
+def test_its_grip_is_the_last_axis(left: int, library: str, stub: ctypes.CDLL) -> None:
+    """Opening counts positive for both hands; the library's force and velocity are negative for a left one."""
+    stub.stub_grip(1, left)
+    device = ForceDimension(3, library=library, axes="xz", jaw=True)
+    assert (device.jaw, device.force_limit, device.workspace) == (True, 8.0, (0.12, 0.12, 0.03))
+    assert device.apply((0.0, 0.0, 1.0)) == NOTHING  # not begun
+    device.home()
+    device.begin()
+    assert device.read()[0][2] == pytest.approx(0.025, abs=1e-3)
+    assert device.apply((1.0, 3.0, 2.0)) == pytest.approx((1.0, 3.0, 2.0))
+    theirs = [ctypes.c_double() for _ in range(7)]
+    stub.dhdGetForceAndTorqueAndGripperForce(*map(ctypes.byref, theirs), ctypes.c_byte(0))
+    assert [theirs[k].value for k in (0, 1, 2, 6)] == pytest.approx([0.0, 1.0, 3.0, -2.0 if left else 2.0])
+    stub.stub_pass(0.015)
+    x, v = device.read()
+    assert x[2] > 0.0251, "the force opens it"
+    assert v[2] > 0.01
+    assert device.apply((0.0, 0.0, -20.0)) == pytest.approx((0.0, 0.0, -8.0)), "its motor is saturated"
+    stub.stub_off(EXPIRED)
+    assert device.apply((0.0, 0.0, 1.0)) == NOTHING
+    device.close()
+
+
+def test_a_device_without_a_grip_says_so(library: str, stub: ctypes.CDLL) -> None:
+    with pytest.raises(HapnetError, match=r"omega\.6 stand-in has no grip with motors: leave out jaw=yes"):
+        ForceDimension(4, library=library, jaw=True)
+    assert stub.stub_state(OPEN) == 0
+    stub.stub_grip(1, 0)
+    with pytest.raises(InvalidParameter, match="without jaw=, for a scene with a tool"):
+        Posed(ForceDimension(3, library=library, jaw=True), "dhd")
+    assert stub.stub_state(OPEN) == 0
+
+
+def test_an_older_library_without_grips_says_so(library: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(force_dimension._OPTIONAL, "dhdHasActiveGripper")
+    plain = force_dimension._load
+
+    class Older:
+        def __init__(self, library: str) -> None:
+            self.found = plain(library)
+
+        def __getattr__(self, name: str) -> object:
+            if "Gripper" in name:
+                raise AttributeError(name)
+            return getattr(self.found, name)
+
+    monkeypatch.setattr(force_dimension, "_load", Older)
+    with pytest.raises(HapnetError, match="no grip with motors"):
+        ForceDimension(4, library=library, jaw=True)
+
+
 def test_at_the_end_it_is_stopped_and_closed(device: ForceDimension, stub: ctypes.CDLL) -> None:
     device.close()
     device.close()
@@ -321,6 +375,19 @@ def test_a_run_with_the_stand_in(library: str, library_says: dict[str, str], tmp
     summary = json.loads(stdout)
     assert_passive(summary)
     assert summary["device"]["force"] == "applied"
+    assert summary["motion"]["contacts"] >= 1
+    assert summary["motion"]["peak_force_N"] > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["grip:soft?size=15mm&gap=10mm", "free + grip:hard?size=15mm&gap=10mm"])
+def test_a_run_in_which_its_grip_closes_on_an_object(scene: str, library: str, tmp_path: Path) -> None:
+    argv = ("run", "--device", f"dhd:library={library},jaw=yes", "--scene", scene, "--duration", 6, "--json", "-")
+    with started(*argv, "--link", "4g", "--out", tmp_path / "run", env={"STUB_GRIP": "1"}) as program:
+        code, stdout, stderr = program.end()
+    assert code == 0, stderr
+    summary = json.loads(stdout)
+    assert_passive(summary)
     assert summary["motion"]["contacts"] >= 1
     assert summary["motion"]["peak_force_N"] > 0.3
 

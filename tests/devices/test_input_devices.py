@@ -71,6 +71,36 @@ def test_the_left_stick_is_the_position(pipe: Pipe, clock: list[float]) -> None:
     pad.close()
 
 
+def test_a_trigger_closes_a_jaw(pipe: Pipe, clock: list[float]) -> None:
+    """The kernel's axis is -32767 where the trigger is released; of half the way 5 % are the dead zone."""
+    pad = Gamepad(3, path=pipe.path, jaw=5, axes="xy")
+    assert pad.jaw
+    assert pad.read()[0] == (0.0, 0.0, 0.04)
+    pipe.write(js(-32767, 0x82, 5), js(32767, 0x02, 0))
+    assert settled(pad, clock) == pytest.approx((0.04, 0.0, 0.04))
+    pipe.write(js(0, 0x02, 5))
+    assert settled(pad, clock) == pytest.approx((0.04, 0.0, 0.04 * (1.0 - 0.45 / 0.95)), rel=1e-3)
+    pipe.write(js(32767, 0x02, 5))
+    assert settled(pad, clock) == pytest.approx((0.04, 0.0, 0.0), abs=1e-9)
+    assert pad.apply((1.0, 1.0, 1.0)) == (0.0, 0.0, 0.0)
+    pad.close()
+
+
+def test_a_jaw_is_a_position_also_with_a_rate(pipe: Pipe, clock: list[float]) -> None:
+    pad = Gamepad(1, path=pipe.path, jaw=2, rate=1.0)
+    pipe.write(js(32767, 0x02, 2))
+    assert settled(pad, clock) == pytest.approx((0.0,), abs=1e-9)
+    pipe.write(js(-32767, 0x02, 2))
+    assert settled(pad, clock) == pytest.approx((0.04,))
+    pad.close()
+
+
+@pytest.mark.parametrize("jaw", [-1, 4])
+def test_a_stick_is_no_trigger(jaw: int, pipe: Pipe) -> None:
+    with pytest.raises(InvalidParameter, match=f"jaw is {jaw}; allowed: a trigger's axis"):
+        Gamepad(4, path=pipe.path, jaw=jaw)
+
+
 def test_a_pad_whose_right_stick_has_another_number(pipe: Pipe, clock: list[float]) -> None:
     pad = Gamepad(3, path=pipe.path, sticks="3/4/0")
     pipe.write(js(32767, 0x02, 3), js(-32767, 0x02, 4), js(32767, 0x02, 0), js(32767, 0x02, 1))

@@ -44,16 +44,33 @@ class Arm:
         self._at_ns = Arm.now_ns
         Arm.newest = self
 
+    def surroundings(self) -> float:
+        """The force of its surroundings [N]."""
+        return 0.0
+
     def read(self) -> tuple[Vector, Vector]:
         dt, self._at_ns = (Arm.now_ns - self._at_ns) * 1e-9, Arm.now_ns
         for _ in range(8):
-            self.v += dt / 8 * (self.force - 4.0 * self.v) / 0.3
+            self.v += dt / 8 * (self.force + self.surroundings() - 4.0 * self.v) / 0.3
             self.x += dt / 8 * self.v
         return (self.x,), (self.v,)
 
     def apply(self, force: Vector) -> Vector:
         self.force = force[0]
         return force
+
+
+class JawArm(Arm):
+    """A jaw, open by 50 mm, and an object of 30 mm and 5000 N/m between its fingers."""
+
+    jaw = True
+
+    def __init__(self, dof: int) -> None:
+        super().__init__(dof)
+        self.x = 0.05
+
+    def surroundings(self) -> float:
+        return 5000.0 * max(0.0, 0.03 - self.x) - 20.0 * self.v * (self.x < 0.03)
 
 
 class BehindTopics(Arm):

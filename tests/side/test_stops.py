@@ -21,6 +21,57 @@ def test_the_robot_stands_still_0_2_s_and_one_way_later(kind: str, cause: str, t
     assert after < 2.5
 
 
+GRIP = {
+    "operator": "press", "operator_model.wait_s": 0.1, "operator_model.reach_s": 0.5, "operator_model.hold_s": 60.0,
+}  # fmt: skip
+JAWS = {
+    "simulated": {"scene": "grip:hard", **GRIP},
+    "driver": {"scene": "grip:empty", "follower.robot": "tests.measure.stops:JawArm", **GRIP},
+}
+JAW_CELLS = [
+    (k, c) for k in JAWS for c in CAUSES if (k, c) not in (("simulated", "silent leader"), ("driver", "dead-man"))
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause"), mostly_slow([("simulated", "silent leader"), ("driver", "dead-man"), *JAW_CELLS], 2)
+)
+def test_a_closed_jaw_stays_closed(kind: str, cause: str, tmp_path: Path) -> None:
+    """Its spring still pulls it into the object: 20 mm of the hand's way are 2 N and more."""
+    rig = Rig(kind, tmp_path, 3, **JAWS[kind])
+    closed = rig.run(1500)[-1][1]
+    assert closed < 0.03, "it touches the object"
+    rig.stop(cause)
+    after = [x for _, x in rig.run(6500)]
+    assert max(after) - min(after) < 1e-4
+    assert 5000.0 * (0.03 - after[-1]) == pytest.approx(5000.0 * (0.03 - closed), rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", JAWS)
+def test_a_released_jaw_has_no_force_and_drops_what_it_holds(kind: str, tmp_path: Path) -> None:
+    rig = Rig(kind, tmp_path, 3, **JAWS[kind], **{"follower.on_stop": "release"})
+    assert rig.run(1500)[-1][1] < 0.03
+    rig.stop("dead-man")
+    assert rig.run(3000)[-1][1] >= 0.03 - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("kind", "held_again_ms"),
+    mostly_slow([("driver", 4200), ("driver", 2800), ("simulated", 4200), ("simulated", 2800)], 1),
+)
+def test_a_jaw_that_was_stopped_is_led_from_where_it_is(kind: str, held_again_ms: int, tmp_path: Path) -> None:
+    """A hand that takes the switch again, and is open, does not drop the object; one that is closed opens the jaw."""
+    changes = JAWS[kind] | {"operator_model.hold_s": 0.5, "operator_model.wait_s": 1.0}
+    rig = Rig(kind, tmp_path, 3, **changes)  # the hand is closed from 1.5 to 2.0 s and from 4.0 to 4.5 s
+    closed = rig.run(1900)[-1][1]
+    rig.stop("dead-man")
+    assert max(x for _, x in rig.run(held_again_ms)) < closed + 1e-4
+    rig.resume("dead-man")
+    last = rig.run(held_again_ms + 800)[-1][1]
+    assert last > 0.045 if held_again_ms == 4200 else last < closed + 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "cause"), [("driver", "dead-man"), ("simulated", "remote stop")])
 def test_a_robot_that_is_released_has_no_force(kind: str, cause: str, tmp_path: Path) -> None:

@@ -8,7 +8,9 @@
    * dhdGetStatus writes as many ints as the library knows, whatever room there is.
    Not documented, and the worst case here: dhdEnableForce does not count as a force command for the watchdog.
 
-   The handle is a mass of 0.2 kg in a hand of 100 N/m and 6 Ns/m that goes 50 mm to and fro along our x, which is its y. */
+   The handle is a mass of 0.2 kg in a hand of 100 N/m and 6 Ns/m that goes 50 mm to and fro along our x, which is its y.
+   Its grip, if it has one, is a mass of 0.05 kg between fingers of 100 N/m and 2 Ns/m that close it from 25 mm to 5 mm.
+   As in the SDK's examples, a force that opens it is positive, and of a left hand force and velocity are negative. */
 
 #include <math.h>
 #include <stdbool.h>
@@ -23,7 +25,8 @@ enum { NONE, BUTTON, VELOCITY, WATCHDOG, SOFTWARE };
 
 static double x[3], v[3], force[3], torque[3], last_s, start_s, commanded_s, passed_s;
 static int open_, brakes = 1, button, reset, failing, watchdog, gravity = -1, enabled, cause, stopped, regulating;
-static int active_wrist;
+static int active_wrist, gripper, left;
+static double gap = 0.025, rate, grip;
 static int powered = 1, locks, ints = 17, enables, supported = 1, inits;
 static unsigned int mask;
 static double frame_[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -40,6 +43,7 @@ static void disable(int why) {
   if (enabled) cause = why;
   enabled = 0;
   memset(force, 0, sizeof force); memset(torque, 0, sizeof torque);
+  grip = 0.0;
 }
 
 static int renders(void) { return enabled && !brakes && !button && !reset && powered; }
@@ -55,6 +59,10 @@ static void advance(void) {
       v[k] += h * (100.0 * (goal[k] - x[k]) - 6.0 * v[k] + (renders() ? force[k] : 0.0)) / 0.2;
       x[k] += h * v[k];
     }
+    double fingers = 0.015 + 0.01 * cos(2.0 * age);
+    rate += h * (100.0 * (fingers - gap) - 2.0 * rate + (renders() ? grip : 0.0)) / 0.05;
+    gap += h * rate;
+    if (gap < 0.0) gap = rate = 0.0;
     last_s += h;
   }
 }
@@ -65,6 +73,7 @@ void stub_frame(const double *f) { memcpy(frame_, f, sizeof frame_); }
 void stub_ints(int count) { ints = count; }
 void stub_pass(double seconds) { passed_s += seconds; }
 void stub_wrist(int active) { active_wrist = active; }
+void stub_grip(int active, int left_handed) { gripper = active; left = left_handed; }
 void stub_off(int why) { advance(); disable(why); }
 void stub_more(int power, int lock, int support) { powered = power; locks = lock; supported = support; }
 int stub_state(int which) {
@@ -78,6 +87,8 @@ int dhdOpenID(char id) {
   open_ = 1; stopped = enabled = watchdog = cause = enables = regulating = inits = 0; brakes = 1;
   last_s = start_s = commanded_s = now_s();
   memset(x, 0, sizeof x); memset(v, 0, sizeof v); memset(force, 0, sizeof force);
+  gap = 0.025; rate = grip = 0.0;
+  if (getenv("STUB_GRIP")) gripper = atoi(getenv("STUB_GRIP"));
   if (getenv("STUB_WRIST")) active_wrist = atoi(getenv("STUB_WRIST"));
   if (getenv("STUB_INTS")) ints = atoi(getenv("STUB_INTS"));
   if (getenv("STUB_OFF")) sscanf(getenv("STUB_OFF"), "%lf:%d", &off_at_s, &off_cause);
@@ -129,7 +140,7 @@ int dhdSetForce(double a, double b, double c, char id) {
   advance();
   double length = sqrt(a * a + b * b + c * c), most = 12.0, share = length > most ? most / length : 1.0;
   commanded_s = now_s();
-  if (!renders() || regulating) { memset(force, 0, sizeof force); return 0; }
+  if (!renders() || regulating) { memset(force, 0, sizeof force); grip = 0.0; return 0; }
   force[0] = share * a; force[1] = share * b; force[2] = share * c;
   return length > most ? 2 : 0; /* DHD_MOTOR_SATURATED */
 }
@@ -144,6 +155,29 @@ int dhdSetForceAndTorque(double a, double b, double c, double d, double e, doubl
 int dhdGetForceAndTorque(double *a, double *b, double *c, double *d, double *e, double *f, char id) {
   (void)id;
   return three(force, a, b, c) < 0 ? -1 : three(torque, d, e, f);
+}
+
+bool dhdHasActiveGripper(char id) { (void)id; return gripper; }
+bool dhdIsLeftHanded(char id) { (void)id; return left; }
+int dhdGetGripperGap(double *a, char id) { (void)id; if (failing) return -1; advance(); *a = gap; return 0; }
+int dhdGetGripperLinearVelocity(double *a, char id) {
+  (void)id;
+  if (failing) return -1;
+  advance();
+  *a = left ? -rate : rate;
+  return 0;
+}
+int dhdSetForceAndGripperForce(double a, double b, double c, double d, char id) {
+  int saturated = dhdSetForce(a, b, c, id);
+  if (saturated < 0 || !gripper || !renders() || regulating) { grip = 0.0; return saturated; }
+  double limited = fmax(-8.0, fmin(8.0, d)); /* omega.7 */
+  grip = left ? -limited : limited;
+  return limited != d ? 2 : saturated;
+}
+int dhdGetForceAndTorqueAndGripperForce(double *a, double *b, double *c, double *d, double *e, double *f, double *g, char id) {
+  if (dhdGetForceAndTorque(a, b, c, d, e, f, id) < 0) return -1;
+  *g = left ? -grip : grip;
+  return 0;
 }
 
 #ifdef ROBOTIC

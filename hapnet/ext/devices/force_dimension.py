@@ -60,7 +60,13 @@ _FUNCTIONS: dict[str, tuple[type, list[type]]] = {
 }  # fmt: skip
 _OPTIONAL: dict[str, tuple[type, list[type]]] = {
     "dhdGetForceAndTorque": (c_int, [*_DOUBLES, *_DOUBLES, _ID]),
+    "dhdGetForceAndTorqueAndGripperForce": (c_int, [*_DOUBLES, *_DOUBLES, POINTER(c_double), _ID]),
+    "dhdGetGripperGap": (c_int, [POINTER(c_double), _ID]),
+    "dhdGetGripperLinearVelocity": (c_int, [POINTER(c_double), _ID]),
+    "dhdHasActiveGripper": (c_bool, [_ID]),
+    "dhdIsLeftHanded": (c_bool, [_ID]),
     "dhdHasActiveWrist": (c_bool, [_ID]),
+    "dhdSetForceAndGripperForce": (c_int, [c_double] * 4 + [_ID]),
     "dhdSetForceAndTorque": (c_int, [c_double] * 6 + [_ID]),
     "dhdSetWatchdog": (c_int, [c_ubyte, _ID]),
     "drdAutoInit": (c_int, [_ID]),
@@ -93,12 +99,17 @@ _UNKNOWN = Limits(8.0, 0.3, 8_000.0)
 _ALL = (*_KNOWN.values(), _UNKNOWN)
 
 
+_GRIP_N, _GRIP_M = 8.0, 0.03
+"""Greatest force of the grips of omega.7 and sigma.7, and an opening beyond theirs of 25 mm, from their data sheets."""
+
+
 class ForceDimension(Driver):
     """``dhd``, or ``dhd:1`` for the second device.
 
     number : of the device, from 0. axes : the axes for the scene, as in `Axes`. library : path of the library; empty:
     where the system finds it. gravity : whether the device carries the weight of its own arms. calibrate : whether a
-    device that is not calibrated may move by itself, if `libdrd` supports that.
+    device that is not calibrated may move by itself, if `libdrd` supports that. jaw : whether the last
+    axis is the opening of its grip (omega.7, sigma.7).
 
     Raises InvalidParameter: a value is not allowed. HapnetError: no library, or no device.
     """
@@ -115,12 +126,20 @@ class ForceDimension(Driver):
     stiffness_range: tuple[float, float] = (0.0, min(each.stiffness for each in _ALL))
 
     def __init__(
-        self, dof: int, number: int = 0, axes: str = "", library: str = "", gravity: bool = True, calibrate: bool = True
+        self,
+        dof: int,
+        number: int = 0,
+        axes: str = "",
+        library: str = "",
+        gravity: bool = True,
+        calibrate: bool = True,
+        jaw: bool = False,
     ) -> None:
         if not 0 <= number <= 15:
             raise InvalidParameter("number", number, "0 to 15")
         self.dof = dof
-        self._axes = Axes(axes, dof)
+        self.jaw: bool = jaw
+        self._axes = Axes(axes, dof - jaw)
         self._dhd = _load(library)
         self._robotic = hasattr(self._dhd, "drdAutoInit")
         self._id = (self._dhd.drdOpenID if self._robotic else self._dhd.dhdOpenID)(number)
@@ -139,11 +158,23 @@ class ForceDimension(Driver):
         self.name: str = (self._dhd.dhdGetSystemName(self._id) or b"").decode(errors="replace")
         limits = next((found for name, found in _KNOWN.items() if name in self.name.lower()), _UNKNOWN)
         self.force_limit = limits.force_N
-        self.workspace: float = limits.reach_m
+        self.workspace: float | Vector = limits.reach_m
+        if jaw:
+            self._take_grip(limits)
         self.stiffness_range = (0.0, limits.stiffness)
         self._dhd.dhdEnableExpertMode()
         has_watchdog = hasattr(self._dhd, "dhdSetWatchdog") and self._dhd.dhdSetWatchdog(_OFF, self._id) >= 0
         self.watchdog_s: float | None = _WATCHDOG_TICKS * 125e-6 if has_watchdog else None
+
+    def _take_grip(self, limits: Limits) -> None:
+        """Use its grip. Raises HapnetError: it has none with motors."""
+        dhd, own = self._dhd, self._id
+        if not (hasattr(dhd, "dhdHasActiveGripper") and dhd.dhdHasActiveGripper(own)):
+            self.close()
+            raise HapnetError(f"{self.name} has no grip with motors: leave out jaw=yes, and + grip in the scene")
+        self.apply_wrench = None
+        self.force_limit = min(limits.force_N, _GRIP_N)
+        self.workspace = (*(limits.reach_m,) * (self.dof - 1), _GRIP_M)
 
     @classmethod
     def missing(cls) -> str:
@@ -180,11 +211,11 @@ class ForceDimension(Driver):
         dhd, own = self._dhd, self._id
         self._require(dhd.dhdSetBrakes(_OFF, own))
         self._require(dhd.dhdSetGravityCompensation(_ON if self._gravity else _OFF, own))
-        dhd.dhdSetForce(0.0, 0.0, 0.0, own)  # the watchdog counts from here; refused perhaps before the forces are on
+        self._set_zero()  # the watchdog counts from here; refused perhaps before the forces are on
         if self.watchdog_s is not None:
             self._require(dhd.dhdSetWatchdog(_WATCHDOG_TICKS, own))
         self._require(dhd.dhdEnableForce(_ON, own))
-        self._require(dhd.dhdSetForce(0.0, 0.0, 0.0, own))
+        self._require(self._set_zero())
         self._begun = True
 
     def read(self) -> tuple[Vector, Vector]:
@@ -195,7 +226,11 @@ class ForceDimension(Driver):
         position = self._numbers("dhdGetPosition")
         velocity = self._numbers("dhdGetLinearVelocity")
         self._buttons = self._dhd.dhdGetButtonMask(self._id)
-        return self._axes.take(_to_hapnet(position)), self._axes.take(_to_hapnet(velocity))
+        x, v = self._axes.take(_to_hapnet(position)), self._axes.take(_to_hapnet(velocity))
+        if not self.jaw:
+            return x, v
+        (gap,), (rate,) = self._numbers("dhdGetGripperGap", 1), self._numbers("dhdGetGripperLinearVelocity", 1)
+        return (*x, gap), (*v, self._opening_sign() * rate)
 
     def apply(self, force: Vector) -> Vector:
         """Hold this force; it is zero while the device has its forces off. After its watchdog they are enabled again.
@@ -204,12 +239,28 @@ class ForceDimension(Driver):
         """
         if not self._begun:
             return (0.0,) * self.dof
+        if self.jaw:
+            return self._apply_with_grip(force)
         if self._dhd.dhdSetForce(*_theirs(self._axes.spread(force)), self._id) < 0:
             raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
         if not self._renders():
             return (0.0,) * self.dof
         # if motors saturate, the library reports the force that they make
         return self._axes.take(_to_hapnet(self._numbers("dhdGetForce")))
+
+    def _apply_with_grip(self, force: Vector) -> Vector:
+        *push, grip = force
+        theirs = (*_theirs(self._axes.spread(tuple(push))), self._opening_sign() * grip)
+        if self._dhd.dhdSetForceAndGripperForce(*theirs, self._id) < 0:
+            raise DeviceSilent(f"{self.name} accepts no force: {self._why()}")
+        if not self._renders():
+            return (0.0,) * self.dof
+        applied = self._numbers("dhdGetForceAndTorqueAndGripperForce", 7)
+        return (*self._axes.take(_to_hapnet(applied[:3])), self._opening_sign() * applied[6])
+
+    def _opening_sign(self) -> float:
+        """The sign of the library's grip force and velocity that open: negative for a left hand."""
+        return -1.0 if self._dhd.dhdIsLeftHanded(self._id) else 1.0
 
     def _apply_wrench(self, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
         none = (0.0,) * self.dof, (0.0,) * 3
@@ -231,7 +282,7 @@ class ForceDimension(Driver):
             return True
         self._off = "it has no power" if not status[_POWER] else _CAUSES.get(status[_CAUSE], "its forces are off")
         if status[_CAUSE] == _WATCHDOG_CAUSE:
-            self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id)
+            self._set_zero()
             self._dhd.dhdEnableForce(_ON, self._id)
         return False
 
@@ -271,6 +322,11 @@ class ForceDimension(Driver):
         if self._dhd.dhdGetStatus(byref(status), self._id) < 0:
             raise DeviceSilent(f"{self.name} does not report its state: {self._why()}")
         return list(status)
+
+    def _set_zero(self) -> int:
+        if self.jaw:
+            return int(self._dhd.dhdSetForceAndGripperForce(0.0, 0.0, 0.0, 0.0, self._id))
+        return int(self._dhd.dhdSetForce(0.0, 0.0, 0.0, self._id))
 
     def _require(self, result: int) -> None:
         if result < 0:

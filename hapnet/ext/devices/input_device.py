@@ -53,7 +53,7 @@ class InputDevice(Driver):
         self.dof = dof
         self.workspace: float = 2.0 * reach
         self.greatest_speed: float = 10.0 * reach / SMOOTHING_S
-        self._axes, self._reach, self._dead, self.rate = Axes(axes, dof), reach, dead, rate
+        self._axes, self.reach, self._dead, self.rate = Axes(axes, dof - self.jaw), reach, dead, rate
         self._path = path or found[0]
         self._file: int | None = None
         self._unread = b""
@@ -61,7 +61,8 @@ class InputDevice(Driver):
         self.deflections: list[float] = [0.0] * 3
         """The deflections along x, y, z, each -1 to 1."""
         self.pressed: dict[int, bool] = {}
-        self._position = self._velocity = (0.0,) * dof
+        self._velocity: Vector = (0.0,) * dof
+        self._position: Vector = (*(0.0,) * (dof - self.jaw), *self.jaws())
         self._read_s: float | None = None
         try:
             self._open()
@@ -82,16 +83,22 @@ class InputDevice(Driver):
 
     def move(self, dt: float) -> None:
         """Move the position by what the present deflections make of it in `dt` seconds."""
-        goal = self._axes.take(tuple([self._reach * self.beyond_dead_zone(d) for d in self.deflections]))
-        before = self._position
+        goal = self._axes.take(tuple([self.reach * self.beyond_dead_zone(d) for d in self.deflections]))
+        before, count = self._position, len(goal)
+        point = before[:count]
         if self.rate:
-            velocity = follow(self._velocity, [self.rate * g for g in goal], dt)
-            moved = [x + v * dt for x, v in zip(before, velocity, strict=True)]
-            self._position = tuple([max(-self._reach, min(self._reach, x)) for x in moved])
+            velocity = follow(self._velocity[:count], [self.rate * g for g in goal], dt)
+            moved = [x + v * dt for x, v in zip(point, velocity, strict=True)]
+            point = tuple([max(-self.reach, min(self.reach, x)) for x in moved])
         else:
-            self._position = follow(before, goal, dt)
+            point = follow(point, goal, dt)
+        self._position = (*point, *follow(before[count:], self.jaws(), dt))
         if dt > 0.0:
             self._velocity = tuple([(x - b) / dt for x, b in zip(self._position, before, strict=True)])
+
+    def jaws(self) -> Vector:
+        """The opening of its jaw [m]; empty: it has none."""
+        return ()
 
     def apply(self, force: Vector) -> Vector:
         """Return zeros: without motors no force is applied."""

@@ -217,7 +217,7 @@ class Page:
 
     def _lead(self, position: Vector | None) -> None:
         """Lead the hand to `position`; None: to the start."""
-        target = self._origin if position is None else position
+        target = self._origin if position is None else (*position, *self._origin[len(position) :])  # a jaw stays open
         if self._controls is not None and self._scene is not None and target:
             self._controls.lead(target)
             self._scene.show_target(target)

@@ -21,7 +21,7 @@ from hapnet.devices.driver import NO_FORCE, Axes, Driver
 from hapnet.errors import DeviceSilent, HapnetError, InvalidParameter, MissingLibrary
 from hapnet.ext.arms.table import apparent_masses
 from hapnet.ext.devices import serial_port
-from hapnet.ext.robots.bus_joints import COUNT_RAD, JointServo, Posture, arm_table, joints_of
+from hapnet.ext.robots.bus_joints import COUNT_RAD, Jaw, JointServo, Posture, arm_table, joints_of
 from hapnet.ext.robots.bus_motors import ArmReading, Motor, MotorWork, Present, ServoHealth
 from hapnet.ext.robots.bus_packets import Packets, Reply
 from hapnet.ext.robots.joint_torques import share
@@ -39,6 +39,9 @@ _SILENT_S, _FIRST_S = 0.02, 0.1
 """The longest silence of a servo [s], in operation and while its torque is off."""
 
 _GLANCE_TICKS = 8
+
+_WIDEST = 0.5
+"""Greatest opening of a jaw per radian [m/rad]."""
 
 
 class ControlTable(NamedTuple):
@@ -61,6 +64,10 @@ class BusArm(Driver):
     port : the bus's serial port. arm : its URDF, or ``omni`` (that of ``--device omni``). tip : a link of it.
     calibration : a file as in `bus_joints`. axes : those of the tip, as in `Axes`, or ``joints``. baud : bits a second.
     torque_constant : of all servos [Nm/A]; 0: as in hapnet's table. current : the greatest [A]; 0: the servo's limit.
+    jaw : the last joint is a jaw that opens by so much per radian [m/rad], negative if it closes as its angle grows;
+    with axes=joints its opening is the angle, and only the sign counts. 0: no jaw.
+
+    More than twenty attributes: a device's declarations, the makers' tables, and the state of a bus.
 
     Raises InvalidParameter: a value is not allowed. MissingLibrary: pyserial is not installed. HapnetError: a servo
     does not answer, has a setting that differs from the calibration, or answers too late.
@@ -86,6 +93,7 @@ class BusArm(Driver):
         baud: int = 1_000_000,
         torque_constant: float = 0.0,
         current: float = 0.0,
+        jaw: float = 0.0,
     ) -> None:
         if not port:
             raise InvalidParameter("port", port, "the bus's serial port, such as /dev/ttyUSB0")
@@ -93,13 +101,18 @@ class BusArm(Driver):
             raise MissingLibrary("a servo bus", "pyserial", "serial")
         checks.non_negative("torque_constant", torque_constant)
         checks.non_negative("current", current)
-        table, by_joints = arm_table(arm, tip), axes == "joints"
+        table, by_joints, self.jaw = arm_table(arm, tip), axes == "joints", jaw != 0.0
+        if not abs(jaw) <= _WIDEST:
+            raise InvalidParameter("jaw", jaw, f"the jaw's opening per radian [m/rad], -{_WIDEST:g} to {_WIDEST:g}")
+        if by_joints and jaw:
+            jaw = math.copysign(1.0, jaw)
         if by_joints and dof != len(table.free):
             raise InvalidParameter("dof", dof, f"{len(table.free)}, the joints of {table.name}")
         self.dof = dof
         self.units: str = RADIANS if by_joints else METRES
-        self._posture = Posture(table, None if by_joints else Axes(axes, dof))
         joints = joints_of(table, calibration, in_servo=self.turns_in_servo())
+        chosen = None if by_joints else Axes(axes, dof - self.jaw)
+        self._posture = Posture(table, chosen, Jaw.of(joints[-1], jaw) if jaw else None)
         self._ids = [joint.servo for joint in joints]
         self.health = ServoHealth()
         self._powered: bool | None = None
@@ -129,11 +142,11 @@ class BusArm(Driver):
             raise HapnetError(f"the motors of {table.name} cannot carry its weight at home")
         self.force_limit: float = least if self.has_force else NO_FORCE
         self._work = MotorWork(dof, least if self.has_force else None)
-        self.resolution: float = COUNT_RAD if by_joints else COUNT_RAD * added(table.reaches)
-        self.workspace: float = 2.0 * math.pi if by_joints else 2.0 * max(table.reaches)
+        self.resolution: float = COUNT_RAD if by_joints else COUNT_RAD * max(abs(jaw), added(table.reaches))
+        self.workspace: float = 2.0 * (math.pi if by_joints else max(*table.reaches, math.pi * abs(jaw)))
         self.smallest_mass: float | None = 1.0  # without force this has no effect
         if self.has_force:
-            self.smallest_mass = None if by_joints else apparent_masses(table)[0]
+            self.smallest_mass = None if by_joints or jaw else apparent_masses(table)[0]
             self.watchdog_s = self.watched_s()
 
     @property
@@ -239,14 +252,18 @@ class BusArm(Driver):
         if not self._powered:
             self._powered = True
             self.switch(self._ids, on=True)
-        weight, torques = self._posture.weight, self._posture.torques(force)
-        part = share(torques, weight, [motor.limit for motor in self._motors])
+        posture, limits = self._posture, [motor.limit for motor in self._motors]
+        command, loads = none, posture.weight
+        for each in posture.parts(force):
+            torques = posture.torques(each)
+            part = share(torques, loads, limits)
+            loads = tuple([load + part * torque for load, torque in zip(loads, torques, strict=True)])
+            command = tuple([one + part * more for one, more in zip(command, each, strict=True)])
         counts = {
-            motor.joint.servo: self.current(motor.command(part * torque, load, angle))
-            for motor, torque, load, angle in zip(self._motors, torques, weight, self._posture.q, strict=True)
+            motor.joint.servo: self.current(motor.command(load - weight, weight, angle))
+            for motor, load, weight, angle in zip(self._motors, loads, posture.weight, posture.q, strict=True)
         }
         self.bus.sync_write(self.control_table.goal, counts)
-        command = force if part == 1.0 else tuple([part * one for one in force])
         work.command(command, now_s + transfer_s(14 + 3 * len(counts), self.bus.baud))
         return command
 

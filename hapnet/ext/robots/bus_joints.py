@@ -3,7 +3,9 @@
 hapnet's file is a JSON object with the joints' names, and for each joint its servo's ``id``, the count at angle 0
 (``zero``), and whether its count falls where the angle grows (``reversed``). LeRobot's file has ``id``, ``drive_mode``,
 ``homing_offset``, ``range_min`` and ``range_max``: the joint is at 0 in the middle of its range, as LeRobot's degrees
-are, and its range is its stops. The offset is in the servo itself. Joints that the arm lacks, a gripper, are left out.
+are, and its range is its stops. The offset is in the servo itself. Joints beyond the tip are left out.
+
+The last joint may be a jaw, if the tip is its moving finger. The axis of its opening is the last one.
 """
 
 from __future__ import annotations
@@ -102,8 +104,23 @@ def _text(name: str, path: str, allowed: str) -> str:
         raise InvalidParameter(name, path, f"{allowed} ({getattr(error, 'strerror', None) or error})") from None
 
 
+class Jaw(NamedTuple):
+    """The last joint as a jaw, closed at an angle [rad]. lever : its opening per radian [m/rad], negative if it closes
+    as the angle grows; 1 or -1 with the joints as axes."""
+
+    closed: float
+    lever: float
+
+    @classmethod
+    def of(cls, joint: JointServo, lever: float) -> Jaw:
+        """The jaw that is closed at its joint's stop; at angle 0 without a stop."""
+        stop = joint.lower if lever > 0.0 else joint.upper
+        return cls(stop if math.isfinite(stop) else 0.0, lever)
+
+
 class Posture:
     """An arm's kinematics and weight in a given posture. axes : those of its tip; None: its axes are the joints.
+    jaw : the last joint as a jaw; None: it is none.
 
     Attributes
     ----------
@@ -111,9 +128,9 @@ class Posture:
     weight : the torques that carry the arm [Nm]. stored_J : the potential of its weight.
     """
 
-    def __init__(self, table: ArmTable, axes: Axes | None) -> None:
+    def __init__(self, table: ArmTable, axes: Axes | None, jaw: Jaw | None = None) -> None:
         self._chain: Chain = chain_of(table)
-        self._home, self._axes = table.home, axes
+        self._home, self._axes, self._jaw = table.home, axes, jaw
         n = len(table.home)
         self._loads = [0.0] * n
         self.x: tuple[float, ...] = ()
@@ -134,14 +151,28 @@ class Posture:
                 tuple([here - home for here, home in zip(chain.tip.begin, self._origin, strict=True)])
             )
             self.levers = [list(column) for column in chain.tip.columns[: chain.n]]
+        if (jaw := self._jaw) is not None:
+            opening = jaw.lever * (q[-1] - jaw.closed)
+            if self._axes is None:
+                self.x = (*self.x[:-1], opening)
+                self.levers[-1][-1] = jaw.lever
+            else:
+                self.x = (*self.x, opening)
+                self.levers = [[*lever, 0.0] for lever in self.levers[:-1]] + [[*self.levers[-1], jaw.lever]]
         gravity(chain, angles, angles, self._loads)
         self.weight = tuple(self._loads)
         self.stored_J = height(chain, angles)
 
     def torques(self, force: tuple[float, ...]) -> tuple[float, ...]:
         """The joints' torques of a force, J'F [Nm]."""
-        whole = force if self._axes is None else self._axes.spread(force)
+        whole = self._spread(force)
         return tuple([inner(lever, whole) for lever in self.levers])
+
+    def parts(self, force: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+        """The parts of a force that are limited each by itself: that of the jaw, then the rest."""
+        if self._jaw is None:
+            return (force,)
+        return (*(0.0,) * (len(force) - 1), force[-1]), (*force[:-1], 0.0)
 
     def velocity(self, rates: tuple[float, ...]) -> tuple[float, ...]:
         """The velocity along the axes, J q'."""
@@ -151,4 +182,14 @@ class Posture:
                 for r in range(len(self.levers[0]))
             ]
         )
-        return whole if self._axes is None else self._axes.take(whole)
+        if self._axes is None:
+            return whole
+        return self._axes.take(whole[:3]) + whole[3:]
+
+    def _spread(self, force: tuple[float, ...]) -> tuple[float, ...]:
+        """The force along all axes of the levers."""
+        if self._axes is None:
+            return force
+        if self._jaw is None:
+            return self._axes.spread(force)
+        return (*self._axes.spread(force[:-1]), force[-1])

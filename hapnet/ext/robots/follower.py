@@ -319,6 +319,18 @@ class RobotScene(WorldDefaults):
         return self._scene.start
 
     @property
+    def jaw(self) -> bool:
+        return self._scene.jaw
+
+    @property
+    def rest(self) -> Vector:
+        return tuple([x / self._frame.motion for x in self._scene.rest])
+
+    @property
+    def pressed(self) -> Vector:
+        return self._scene.pressed
+
+    @property
     def stiffnesses(self) -> tuple[float, ...] | None:
         own = self._scene.stiffnesses
         stiff = self._frame.motion * self._frame.force

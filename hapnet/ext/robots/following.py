@@ -213,7 +213,7 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
         return Robot(
             body,
             scene.contacts,
-            frame_of(params, scene.units, scene.dof),
+            frame_of(params, scene),
             mechanics(params) if held and not engine else Mechanics(),
             robot.resolution_m,
             held=held,
@@ -221,7 +221,7 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
             here=robot.start == "here",
         )
 
-    frame = frame_of(params, scene.units, scene.dof)
+    frame = frame_of(params, scene)
     return RobotScene(scene, made, 1.0 / robot.servo_hz, frame, sees=robot.feedback == "planes")
 
 
@@ -235,12 +235,12 @@ def mechanics(params: Params) -> Mechanics:
 CONTRIBUTION = Contribution(in_scene=(servo_hz, steps), check=check, place=place)
 
 
-def frame_of(params: Params, units: str, dof: int) -> Frame:
-    """The frame of a robot of these parameters, before it meets its leader."""
+def frame_of(params: Params, scene: World) -> Frame:
+    """The frame of a robot in this scene, before it meets its leader."""
     robot = params.follower
-    if units == POSE:
+    if scene.units == POSE:
         return PoseFrame(robot.motion_scale, robot.force_scale)
-    return Frame(robot.motion_scale, robot.force_scale, (0.0,) * dof)
+    return Frame(robot.motion_scale, robot.force_scale, (0.0,) * scene.dof, scene.jaw)
 
 
 def held_warnings(servo: DeviceParams, dof: int) -> list[str]:

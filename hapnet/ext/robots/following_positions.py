@@ -67,6 +67,7 @@ def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
         Refusal("world" not in spec.set_positions, "coupling", params.coupling,
                 "one whose virtual mass has a spring with a robot that takes positions, such as pspm or zoh"),
         Refusal(scene.units == POSE, "scene", params.scene, "one without a tool: this robot takes positions only"),
+        Refusal(scene.jaw, "scene", params.scene, "one without a jaw: a robot that takes positions has none"),
     ))  # fmt: skip
 
 

@@ -33,7 +33,7 @@ def robot_side(setup: Setup, endpoint: DeviceControl, clock: Clock, write: Write
     robot = params.follower
     servo = dataclasses.replace(servo_of(params), self_test_N=0.0)
     try:
-        device = UserDevice(robot.robot, setup.dof, servo, setup.units)
+        device = UserDevice(robot.robot, setup.dof, servo, setup.units, setup.scene.jaw)
     except InvalidParameter as error:
         if error.name not in ("hardware", "device.servo_hz"):
             raise
@@ -55,7 +55,7 @@ def _following(
                 "follower.fixtures", "yes", "", why=f"the scene {params.scene} has no planes for fixtures"
             )
         device.device = Fixture(device.device, setup.scene.contacts)
-    frame = frame_of(params, setup.units, setup.dof)
+    frame = frame_of(params, setup.scene)
     sensor: ContactForce | None = None
     if robot.feedback == "force" or setup.coupling.senses:
         require_contact_force(robot.robot, device, params.coupling if setup.coupling.senses else "")

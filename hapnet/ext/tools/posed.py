@@ -46,6 +46,9 @@ class Posed:
             if callable(close := getattr(device, "close", None)):
                 close()
             raise InvalidParameter("hardware", name, "a device that turns (orientation), for a scene with a tool")
+        if getattr(device, "jaw", False):
+            device.close()
+            raise InvalidParameter("hardware", name, "a device without jaw=, for a scene with a tool")
         self._device, self._clock, self._arm_m = device, clock, arm_m
         self.gives_torque: bool = callable(getattr(device, "apply_wrench", None))
         self._x: Vector = ()

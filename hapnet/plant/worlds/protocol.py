@@ -43,6 +43,21 @@ class WorldDefaults(Protocol):
     device leads from its new position."""
 
     @property
+    def jaw(self) -> bool:
+        """Whether its last axis is the opening of a jaw, which a device or a robot then needs."""
+        return False
+
+    @property
+    def rest(self) -> Vector:
+        """Where a simulated hand's motion begins (n,) [m]; empty: at the origin."""
+        return ()
+
+    @property
+    def pressed(self) -> Vector:
+        """The direction in which a simulated hand presses (n,); empty: along the first axis."""
+        return next((wall.normal for wall in self.walls), ())
+
+    @property
     def has_effects(self) -> bool:
         """Whether a surface has effects (drag, grain, snap), which only a contact model at the device renders."""
         return False

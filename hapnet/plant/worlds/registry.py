@@ -4,6 +4,7 @@ A world is given as one of these:
 
 * ``NAME`` of a file in hapnet/plant/scenes/, or of a world that another package publishes as an entry point of
   `hapnet.worlds`; after it the world's own parameters, as in ``box?size=0.02`` (`&` joins several, in SI units);
+* a jaw that grips an object, beside flat walls or alone (`hapnet.ext.solids.grip`), such as ``wall + grip:hard``;
 * solids (`hapnet.ext.solids.rigid`), such as ``sphere?radius=20mm``, also with a tool that turns in front
   (`hapnet.ext.tools.scene`), a soft body (`hapnet.ext.soft.soft`), such as ``soft:organ``, or
   ``mujoco:FILE.xml``;
@@ -36,7 +37,7 @@ def about(name: str) -> str:
 
 def is_own(name: str) -> bool:
     """Whether the world is the user's own, or another package's. Such a world has its own defaults."""
-    return name.partition("?")[0] not in SCENES
+    return name.partition(" + ")[0].partition("?")[0] not in SCENES
 
 
 def scene_parameters(name: str) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def scene_parameters(name: str) -> dict[str, Any]:
 
 def named_parameters(name: str) -> dict[str, Any]:
     """The keywords that the text after the name of one of hapnet's own worlds sets, as in ``box?size=0.02``."""
-    plain, _, words = name.partition("?")
+    plain, words = _plain(name), name.partition("?")[2]
     return _given(name, words, SCENES[plain]) if plain in SCENES and words else {}
 
 
@@ -79,9 +80,8 @@ def make_scene(name: str, **parameters: object) -> World:
 
 
 def _builder(name: str) -> Callable[..., Any]:
-    plain, _, words = name.partition("?")
-    if plain in SCENES:
-        return partial(SCENES[plain], **named_parameters(name)) if words else SCENES[plain]
+    if (plain := _plain(name)) in SCENES:
+        return partial(SCENES[plain], **named_parameters(name)) if "?" in name else SCENES[plain]
     if (described := _described(name)) is not None:
         return described
     kinds = [one for kind in reversed(WORLDS) for one in extension(kind).FIRST_WORDS]
@@ -89,6 +89,11 @@ def _builder(name: str) -> Callable[..., Any]:
     allowed = f"{', '.join(names)}, mujoco:FILE.xml, or module:Name that can be imported"
     own: Callable[..., Any] = extension("own worlds").builder(published(GROUP).get(name, (name, ""))[0], allowed, names)
     return own
+
+
+def _plain(name: str) -> str:
+    """The name of a world of hapnet's own, without its parameters; of a text with several parts the whole text."""
+    return name if " + " in name else name.partition("?")[0]
 
 
 def _described(name: str) -> Callable[..., Any] | None:

@@ -75,7 +75,7 @@ class Scene(WorldDefaults):
         place = tuple([a + share * (b - a) for a, b in zip(self.start, position, strict=True)])
         return place if all(wall.penetration(place) <= 0.0 for wall in self.walls) else self.start
 
-    def for_hand_at(self, at: Vector) -> Scene:
+    def for_hand_at(self, at: Vector) -> Scene | None:
         """These walls for a hand whose device's origin is at `at` (n,) [m]: nothing moves, so each hand has its own."""
         walls = [Wall(w.normal, w.offset - inner(w.normal, at), w.stiffness, w.damping) for w in self.walls]
         return Scene(self.name, self.dof, tuple(walls), self.min_s, self.max_s, self.start, self.units)

@@ -128,7 +128,7 @@ def test_parameters_and_defaults_are_told() -> None:
         (
             "nothing",
             {},
-            "free, wall, .*, plane, tool, shared:block, soft, mujoco:FILE.xml, or module:Name",
+            "free, wall, .*, plane, tool, shared:block, soft, grip, mujoco:FILE.xml, or module:Name",
         ),
         ("nowhere:Scene", {}, "nowhere"),
         (f"{__name__}:Missing", {}, "Missing"),
