@@ -97,3 +97,39 @@ def test_the_examples_in_texts_are_worlds() -> None:
     (documented,) = re.findall(r"``(shared:.*?)``", str(shared.__doc__))
     for text in (documented, str(caught.value).partition("such as ")[2]):
         assert len(shared.shared_world(text).shared.blocks.blocks) == 2
+
+
+@pytest.mark.parametrize("begins_m", [-0.06, 0.06])
+def test_a_hand_that_may_only_watch_feels_nothing_and_changes_nothing(begins_m: float) -> None:
+    """Alice pushes a block, and bob is at its other side, or where she is. Her run is that of one pair."""
+    scene = "shared:block?mass=0.2&at=0m,0m,0m"
+    at = {"at": [-0.06, 0.0, 0.0]}
+    press = {"kind": "device", "operator": "press", "operator_model": {"goal_m": 0.05}}
+    back = {"kind": "device", "operator": "press", "operator_model": {"goal_m": -np.sign(begins_m) * 0.05}}
+    found = []
+    for watches in (False, True):
+        nodes = {"alice": press, "table": {"kind": "world", "scene": scene, "dof": 3}}
+        edges: list[dict[str, Any]] = [{"from": "alice", "to": "table", "link": "lan", **at}]
+        if watches:
+            nodes["bob"] = back
+            edges.append({"from": "bob", "to": "table", "link": "lan", "at": [begins_m, 0, 0], "rights": "watch"})
+        table = {"duration_s": 2.0, "nodes": nodes, "edges": edges}
+        found.append(GraphSimulation(graph_of(table), seed=3).run().pairs)
+    alone, together = (pairs["alice-table"].recording.world for pairs in found)
+    bob = found[1]["bob-table"].recording.world
+    assert alone is not None
+    assert together is not None
+    assert bob is not None
+    for name in ("position_m", "contact_force_N"):
+        assert together[name] == pytest.approx(alone[name], rel=0.0, abs=1e-9), name
+    assert np.abs(alone["contact_force_N"]).max() > 0.1
+    assert not np.any(bob["contact_force_N"])
+    assert np.abs(bob["position_m"][:, 0]).max() > 0.03  # it went through the block
+
+
+def test_alone_it_may_not_touch_either() -> None:
+    table = _table("shared:block?mass=0.2&at=50mm,0m,0m", 1)
+    table["edges"][0]["rights"] = "watch"
+    world = GraphSimulation(graph_of(table), seed=3).run().pairs["a-table"].recording.world
+    assert world is not None
+    assert not np.any(world["contact_force_N"])

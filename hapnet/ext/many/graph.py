@@ -15,6 +15,7 @@
     to = "table"
     link = "4g"                        # or link.up and link.down
     at = [0.1, 0, 0]                   # where the device's origin is in the world [m]; by default at its origin
+    rights = "watch"                   # its hand sees the blocks, and touches none; by default: touch
 
 A node's and an edge's parameters go before those for all. An edge has the name ``alice-table``, or its own `name`.
 """
@@ -50,7 +51,9 @@ _OF_KINDS: Mapping[str, tuple[str, ...]] = {
 """The parameters and sections that a node of each kind sets."""
 
 _OF_EDGES = ("link", "wire")
-_WORDS_OF_EDGES = ("from", "to", "name", "at")
+_WORDS_OF_EDGES = ("from", "to", "name", "at", "rights")
+TOUCH, WATCH = RIGHTS = ("touch", "watch")
+"""Whether a hand touches the blocks of its world, or only sees them."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Node:
 @dataclass(frozen=True)
 class Edge:
     """A pair: the names of its device and its world, where the device's origin is in the world [m] (empty: at its
-    origin), and the parameters of its link by dotted names.
+    origin), the parameters of its link by dotted names, and one of `RIGHTS`.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Edge:
     world: str
     at: Vector
     changes: Mapping[str, object]
+    rights: str = TOUCH
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,9 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
     name = entries.get("name", "-".join(ends))
     if not isinstance(name, str) or not _EDGE_NAME.fullmatch(name):
         raise InvalidParameter(f"{where}.name", name, "up to 80 letters, digits, _ and -, such as left-hand")
-    return Edge(name, ends[0], ends[1], tuple(map(float, at)), dict(flatten(changes)))
+    if (rights := entries.get("rights", TOUCH)) not in RIGHTS:
+        raise InvalidParameter(f"{where}.rights", rights, " or ".join(RIGHTS), RIGHTS)
+    return Edge(name, ends[0], ends[1], tuple(map(float, at)), dict(flatten(changes)), rights)
 
 
 @contextmanager

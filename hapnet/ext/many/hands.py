@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from hapnet.assembly.build import Setup, prepare
 from hapnet.errors import InvalidParameter
-from hapnet.ext.many.graph import Edge, Graph, about
+from hapnet.ext.many.graph import WATCH, Edge, Graph, about
 from hapnet.ext.many.shared import Seat
 from hapnet.param_sources import RULE
 from hapnet.params import Params
@@ -36,8 +36,17 @@ def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Se
         if len(edges) > 1 or edge.at:
             world = made[0].scene if made else setup.scene
             setup = replace(setup, scene=_scene_of(edge, world, len(edges)))
+        _give_rights(edge, setup.scene)
         made.append(setup)
     return made
+
+
+def _give_rights(edge: Edge, scene: World) -> None:
+    if edge.rights == WATCH:
+        if not isinstance(scene, Seat):
+            allowed = f"left out in the scene {scene.name}: each hand has its walls for itself"
+            raise InvalidParameter(f"edges.{edge.name}.rights", edge.rights, allowed)
+        scene.may_touch = False
 
 
 def warnings_of(setups: Iterable[Setup]) -> tuple[str, ...]:
@@ -83,7 +92,8 @@ class JointSteps:
         for side, session, seat in self._seats:
             if side.origin_ns is not None and not side.paused:
                 dt = (now_ns - side.stepped.began_ns) * NANO
-                seat.is_here = session.peer is not None and not session.monitor.is_silent(now_ns)
+                is_heard = session.peer is not None and not session.monitor.is_silent(now_ns)
+                seat.is_here = seat.may_touch and is_heard
                 moving[seat] = side.coupling.set_position
         if moving:
             self._shared.begin_step(dt, moving)

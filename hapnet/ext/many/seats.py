@@ -17,6 +17,7 @@ from typing import Any, cast
 
 from hapnet.assembly.build import Setup
 from hapnet.errors import HapnetError, InvalidParameter
+from hapnet.ext.many.graph import RIGHTS, TOUCH
 from hapnet.ext.many.hands import JointSteps
 from hapnet.ext.many.shared import Seat
 from hapnet.realtime.controllers import UNPAIRED_STEP_NS, ThreadedWorld
@@ -172,13 +173,18 @@ async def _set_after(stop: asyncio.Event, own: asyncio.Event) -> None:
     own.set()
 
 
-def seat_names(text: str) -> list[str]:
-    """The names of the seats in the text of `--seats`: names with commas, or a number. Raises InvalidParameter."""
+def seat_names(text: str) -> dict[str, str]:
+    """The rights of the seats in the text of `--seats`, by their names: names with commas, or a number.
+
+    A name may be followed by its right, as in ``bob:watch``. Raises InvalidParameter.
+    """
     if text.isdecimal():
         count = int(text)
-        names: Sequence[str] = [f"seat{number}" for number in range(1, count + 1)] if 1 <= count <= 64 else []
+        words: Sequence[str] = [f"seat{number}" for number in range(1, count + 1)] if 1 <= count <= 64 else []
     else:
-        names = [name.strip() for name in text.split(",")]
-    if not names or not all(names) or len({*names}) < len(names):
-        raise InvalidParameter("--seats", text, "1 to 64, or different names such as alice,bob")
-    return list(names)
+        words = text.split(",")
+    named = [word.strip().partition(":") for word in words]
+    rights = {name: right if colon else TOUCH for name, colon, right in named}
+    if not rights or not all(rights) or len(rights) < len(named) or not {*rights.values()} <= {*RIGHTS}:
+        raise InvalidParameter("--seats", text, "1 to 64, or different names such as alice,bob or alice,bob:watch")
+    return rights

@@ -82,6 +82,8 @@ class SharedWorld:
         """The force of the step on this seat's proxy (n,) [N]. Without `begin_step` its hand is alone in this step."""
         if seat.number in self._answers:
             return self._answers.pop(seat.number)
+        if not seat.may_touch:
+            return (0.0,) * seat.dof
         n = self.blocks.n
         units = [tuple([float(i == k) for k in range(n)]) for i in range(n)]
         resistance = tuple([1.0 / inverse(unit)[k] for k, unit in enumerate(units)])
@@ -111,8 +113,9 @@ class Seat(WorldDefaults):
 
     at : where its device's origin is in the world (n,) [m]. All other positions are the device's.
 
-    Attributes: number, its number in the world; is_here, whether its hand acts on the blocks; work, what the blocks
-    have put in at its proxy so far [J]; mass, the proxy; joint, its account of the whole world (None: it is alone).
+    Attributes: number, its number in the world; may_touch, whether its hand may act on the blocks, and is_here, whether
+    it does; work, what the blocks have put in at its proxy so far [J]; mass, the proxy; joint, its account of the whole
+    world (None: it is alone).
     """
 
     moves_proxy = True
@@ -126,7 +129,7 @@ class Seat(WorldDefaults):
         self.contacts = _Around(self)
         self.mass = PassiveIntegrator(1.0, 1.0, 1.0, self.start)
         self.number = 0
-        self.is_here = True
+        self.may_touch = self.is_here = True
         self.work = 0.0
         self.joint: _JointAccount | None = None
 

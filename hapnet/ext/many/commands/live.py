@@ -42,11 +42,12 @@ def world_of_graph(file: Path, node: str | None, change: Change, side: SideFlags
 
 def world_of_seats(seats: str, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
     """Run a world with these seats: `hapnet world --seats alice,bob`."""
-    names = seat_names(seats)
+    rights = seat_names(seats)
+    names = list(rights)
     if "world" in names:
         raise InvalidParameter("--seats", seats, "names other than world, such as alice,bob")
     nodes = {name: {"kind": "device", "operator": "rest"} for name in names}
-    edges = [{"from": name, "to": "world"} for name in names]
+    edges = [{"from": name, "to": "world", "rights": rights[name]} for name in names]
     try:
         graph = graph_of({"nodes": {**nodes, "world": {"kind": "world", "dof": 0}}, "edges": edges})
     except InvalidParameter as error:
