@@ -34,6 +34,7 @@ from hapnet.summary.verdict import incomplete
 from hapnet.transport.config import Mode, ZenohSettings, zenoh_warnings
 from hapnet.transport.diagnosis import check_hosts
 from hapnet.transport.refusals import Refusals, watched
+from hapnet.transport.router import FREE, free_name
 from hapnet.wire.messages import Role
 
 PARENT = "HAPNET_PARENT"
@@ -89,6 +90,17 @@ def main(role: Role, params: Params, given: SideFlags, zenoh: ZenohOptions) -> i
         raise
 
 
+def _name(role: Role, given: SideFlags, settings: ZenohSettings, log: Log) -> str:
+    """The name of this side: that of the first free seat, if it is `FREE`. Raises as `free_name`."""
+    if given.name != FREE:
+        return given.name
+    if role == "world":
+        raise InvalidParameter("--name", FREE, "", why="with it a device takes a free seat: give the world another")
+    name = free_name(settings, given.session)
+    log.notify(Notice("seat", f"takes the free seat {name}", time.monotonic_ns()))
+    return name
+
+
 def _main(
     role: Role, params: Params, given: SideFlags, settings: ZenohSettings, refusals: Refusals, directory: Path | None
 ) -> int:
@@ -122,7 +134,7 @@ def _main(
             role,
             settings,
             session=given.session,
-            name=given.name,
+            name=_name(role, given, settings, log),
             seed=given.seed,
             record=record,
             realtime=given.realtime,

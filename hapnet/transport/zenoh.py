@@ -66,7 +66,7 @@ MOST_HZ, MOST_AT_ONCE = 10_000, 2_000
 """Messages beyond this rate or burst are dropped unread, at rates up to 1 kHz; both grow with a faster rate. A side
 sends a tenth of this rate; a link that comes back after seconds may deliver such a burst."""
 
-_DIRECTION = {"device": "up", "world": "down"}
+DIRECTIONS = {"device": "up", "world": "down"}  # the part of the keys on which each role publishes
 _OTHER: dict[Role, Role] = {"device": "world", "world": "device"}
 
 
@@ -113,12 +113,12 @@ class ZenohTransport:
         warn: Callable[[str], None] = lambda text: None,
         also: tuple[str, ...] = (),
     ) -> None:
-        if role not in _DIRECTION:
-            raise InvalidParameter("role", role, "one of " + ", ".join(_DIRECTION))
+        if role not in DIRECTIONS:
+            raise InvalidParameter("role", role, "one of " + ", ".join(DIRECTIONS))
         prefix = f"hapnet/{check_name('session', session)}/{check_name('device', device)}"
         self.role: Role = role
-        self._mine = f"{prefix}/{_DIRECTION[role]}"
-        self._theirs = f"{prefix}/{_DIRECTION[_OTHER[role]]}"
+        self._mine = f"{prefix}/{DIRECTIONS[role]}"
+        self._theirs = f"{prefix}/{DIRECTIONS[_OTHER[role]]}"
         self._config = zenoh_config(settings)
         self._lossy = may_lose(self._config)
         self._doubles = any_node(self._mine, lossy=self._lossy)

@@ -62,7 +62,7 @@ BAD = {
     "no kind": (changed('kind = "device"', 'operator = "rest"'), ["nodes.alice.kind is None", "device or world"]),
     "a node's name": (
         GOOD.replace("nodes.alice", "nodes.Alice").replace('"alice"', '"Alice"'),
-        ["nodes is 'Alice'", "allowed: names of small letters"],
+        ["nodes is 'Alice'", "allowed: names other than free of small letters"],
     ),
     "to": (changed('to = "table"', 'to = "tabel"'), ["edges[0].to 'tabel'", "did you mean table?"]),
     "from": (changed('from = "alice"', 'from = "alise"'), ["edges[0].from 'alise'", "did you mean alice?"]),
@@ -134,6 +134,10 @@ BAD = {
         ["edges[0].name is '../x'", "allowed: up to 80 letters"],
     ),
     "an edge's name that is none": (changed('link = "lan"', "name = 5"), ["edges[0].name is 5", "such as left-hand"]),
+    "free": (
+        changed("nodes.bob", "nodes.free").replace('from = "bob"', 'from = "free"'),
+        ["nodes is 'free'", "names other than free"],
+    ),
     "rights": (changed('link = "lan"', 'rights = "wach"'), ["edges[0].rights 'wach'", "did you mean watch?"]),
     "rights in a list": (changed('link = "lan"', "rights = []"), ["edges[0].rights is []", "touch or watch"]),
     "rights among walls": (
@@ -191,6 +195,8 @@ def _answers(capsys: Capture, argv: list[str], says: list[str]) -> None:
         (["device", "--graph", "good.toml", "--node", "table"], ["--node is 'table'", "alice, bob"]),
         (["world", "--seats", "alice,bob:look"], ["--seats is 'alice,bob:look'", "alice,bob:watch"]),
         (["world", "--seats", "alice:watch,alice"], ["--seats is 'alice:watch,alice'", "different names"]),
+        (["world", "--seats", "free,bob"], ["--seats is 'free,bob'", "different names"]),
+        (["world", "--name", "free", "--no-files"], ["--name free", "give the world another"]),
         (["world", "--seats", "world,bob"], ["--seats is 'world,bob'", "names other than world"]),
         (["run", "--graph", "good.toml", "--log", "x.jsonl"], ["--log x.jsonl", "leave --log out"]),
         (["run", "--graph", "good.toml", "--show-params"], ["--show-params", "leave --graph out"]),

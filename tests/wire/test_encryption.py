@@ -155,6 +155,19 @@ def test_a_side_that_cannot_encrypt_is_refused() -> None:
     assert all("cannot encrypt, and this side must" in reason for reason in why)
 
 
+def test_a_side_that_could_encrypt_sends_no_stream_without_a_peer() -> None:
+    """It would come after the next peer has paired, which would report that another sender uses this one's name."""
+    network, device, world = pair(False, False)
+    assert world.outward(world.position(0, (0.0, 0.0))) is not None
+    device.close(network.now, "done")
+    network.run(300 * MS)
+    assert world.peer is None
+    assert world.outward(world.position(network.now, (0.0, 0.0))) is None
+    alone = side("world", 3, None)
+    frame = alone.position(0, (0.0, 0.0))
+    assert alone.outward(frame) == frame  # without keys nothing is encrypted
+
+
 def test_who_takes_the_wish_out_of_the_hellos_changes_nothing() -> None:
     """Only a welcome pairs, and a welcome is sealed."""
 

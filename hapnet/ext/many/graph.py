@@ -35,6 +35,7 @@ from hapnet.file_content import read_toml
 from hapnet.param_sources import FILE
 from hapnet.param_values import flatten
 from hapnet.params import Params
+from hapnet.transport.router import FREE
 from netem.errors import ProfileError
 
 MOST_SEATS = 64
@@ -143,8 +144,9 @@ def _table(name: str, value: object, example: str = '[nodes.alice] with kind = "
 
 
 def _node(name: str, value: object) -> Node:
-    if not _NAME.fullmatch(name):
-        raise InvalidParameter("nodes", name, "names of small letters, digits and _, beginning with a letter, up to 32")
+    if not _NAME.fullmatch(name) or name == FREE:
+        allowed = f"names other than {FREE} of small letters, digits and _, beginning with a letter, up to 32"
+        raise InvalidParameter("nodes", name, allowed)
     entries = dict(_table(f"nodes.{name}", value))
     kind = entries.pop("kind", None)
     if not isinstance(kind, str) or kind not in _OF_KINDS:

@@ -26,6 +26,7 @@ from hapnet.realtime.servo import Stepper
 from hapnet.side.notices import Notice
 from hapnet.summary.run import Summary
 from hapnet.transport.config import ZenohSettings
+from hapnet.transport.router import FREE
 
 Step = Callable[[int], int]
 
@@ -185,6 +186,7 @@ def seat_names(text: str) -> dict[str, str]:
         words = text.split(",")
     named = [word.strip().partition(":") for word in words]
     rights = {name: right if colon else TOUCH for name, colon, right in named}
-    if not rights or not all(rights) or len(rights) < len(named) or not {*rights.values()} <= {*RIGHTS}:
+    is_named = rights and all(rights) and len(rights) == len(named) and FREE not in rights
+    if not is_named or not {*rights.values()} <= {*RIGHTS}:
         raise InvalidParameter("--seats", text, "1 to 64, or different names such as alice,bob or alice,bob:watch")
     return rights
