@@ -199,16 +199,11 @@ class Session:
         return self._handshake.keys.proof
 
     def outward(self, frame: bytes) -> bytes | None:
-        """A frame of this side's stream as it is sent, encrypted if the pair encrypts; None: it must not be sent.
-
-        A side that could encrypt sends none without a peer: the next peer may have paired when it comes, and would take
-        it for another sender's.
-        """
+        """A frame of this side's stream as it is sent, encrypted if the pair encrypts; None: it must not be sent."""
         if self._cipher is not None:
             return self._cipher.encrypt(frame, sequence_of(frame))
-        keys = self._handshake.keys
-        is_open = not keys.must_encrypt if self.peer is not None else keys.offer is None
-        return frame if is_open else None
+        keys = self._handshake.keys  # the next peer, if it has keys, would take an open frame for another sender's
+        return None if keys.must_encrypt or (self.peer is None and keys.offer) else frame
 
     @property
     def encrypts(self) -> bool:
