@@ -21,6 +21,16 @@ def test_the_robot_stands_still_0_2_s_and_one_way_later(kind: str, cause: str, t
     assert after < 2.5
 
 
+LAW_CELLS = [("four-channel", "silent leader"), *((law, cause) for law in ("pp", "pf") for cause in CAUSES)]
+
+
+@pytest.mark.parametrize(("law", "cause"), mostly_slow(LAW_CELLS, 1))
+def test_so_it_does_with_a_law_between_two_robots(law: str, cause: str, tmp_path: Path) -> None:
+    before, after = moved_mm("simulated", cause, tmp_path, 1, coupling=law)
+    assert before > 5.0, "it was moving"
+    assert after < 2.5
+
+
 GRIP = {
     "operator": "press", "operator_model.wait_s": 0.1, "operator_model.reach_s": 0.5, "operator_model.hold_s": 60.0,
 }  # fmt: skip
