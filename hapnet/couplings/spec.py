@@ -98,6 +98,7 @@ class CouplingSpec(Generic[T]):
     halves : whether each side keeps a half of Theorem 1, with its own reservoir.
     joint : whether energy passes through the link itself. Then the energy put in at one port alone proves nothing.
     senses : whether a follower sends the force at its contact, so that a robot with a driver must measure it.
+    between_robots : whether both ends are robots', and the law itself determines what the leader feels.
     covers : see `Covers`. allowance_J : energy that may come out beyond d^2 within the claim [J].
     warn : warnings for the user before the start.
     compiled : the records of its two ends, if hapnet compiles the law (None: a set-position end); never a user's law.
@@ -127,6 +128,7 @@ class CouplingSpec(Generic[T]):
     halves: bool = False
     joint: bool = True
     senses: bool = False
+    between_robots: bool = False
     covers: Covers[T] = lambda params, tuning, virtual: False
     allowance_J: Callable[[T], float] = lambda tuning: 0.0
     warn: Callable[[Params, T], tuple[str, ...]] = lambda params, tuning: ()

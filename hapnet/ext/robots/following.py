@@ -26,7 +26,6 @@ from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.robots import following_positions
 from hapnet.ext.robots.follower import Mechanics, Robot, RobotScene
-from hapnet.laws import BILATERAL_NAMES
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
@@ -155,9 +154,9 @@ def check(params: Params, spec: CouplingSpec[Any], scene: World) -> None:
         refusal(is_real and not held, "robot", f"simulated {law} and a continuous servo: a driver holds its force"),
         refusal(is_real and robot.feedback == "planes", "feedback",
                "position or force with a real robot, whose surroundings are not known"),
-        refusal(robot.feedback != "position" and params.coupling in BILATERAL_NAMES, "feedback",
+        refusal(robot.feedback != "position" and spec.between_robots, "feedback",
                f"left out {law}, which says itself what the leader feels"),
-        refusal(is_posed and params.coupling in BILATERAL_NAMES, "robot",
+        refusal(is_posed and spec.between_robots, "robot",
                f"none in the scene {params.scene} {law}: its positions are no poses"),
         refusal(robot.friction_N > 0.0 and not held, "friction_N", "0 with a continuous servo"),
         refusal(robot.position_servo and not held, "position_servo", "no with a continuous servo"),

@@ -22,18 +22,14 @@ from dataclasses import dataclass
 from hapnet.checks import Vector
 from hapnet.control.samples import CouplingSample
 from hapnet.couplings.link_delays import Delays
-from hapnet.couplings.spec import CouplingSpec, CouplingStart
+from hapnet.couplings.spec import CouplingStart
 from hapnet.ext.laws.parts import bilateral_port
 from hapnet.ext.laws.parts.bilateral_port import (
-    SECTION,
     BilateralEnd,
     BilateralParams,
     BilateralTuning,
-    covers,
-    follower,
-    leader,
+    between_robots,
     led,
-    no_world,
 )
 from hapnet.params import Params, known_damping
 
@@ -147,19 +143,11 @@ def _follower(start: CouplingStart[Tuning]) -> BilateralEnd:
     return AccelerationEnd(own, own.follower_stiffness_N_m, *known, len(start.position))
 
 
-LAW = CouplingSpec(
-    name="four-channel",
-    title="four channels, acceleration-based",
-    source="Sakaino, Sato, Ohnishi 2011",
-    claim="passive only behind PSPM's port (bilateral.port=pspm)",
-    device=leader(_leader),
-    follower=follower(_follower),
-    world=no_world,
-    tuning=Tuning,
-    tune=tune,
-    parameters=BilateralParams,
-    section=SECTION,
-    set_positions=frozenset({"device", "world"}),
-    joint=False,
-    covers=covers,
+LAW = between_robots(
+    "four-channel",
+    "four channels, acceleration-based",
+    "Sakaino, Sato, Ohnishi 2011",
+    (_leader, _follower),
+    Tuning,
+    tune,
 )

@@ -20,18 +20,13 @@ import math
 
 from hapnet.control.samples import CouplingSample, ProxySample
 from hapnet.couplings.rendering import largest
-from hapnet.couplings.spec import CouplingSpec, CouplingStart
+from hapnet.couplings.spec import CouplingStart
 from hapnet.ext.laws.bilateral.pp import PositionEnd
 from hapnet.ext.laws.parts.bilateral_port import (
-    SECTION,
     BilateralEnd,
-    BilateralParams,
     BilateralTuning,
-    covers,
-    follower,
-    leader,
+    between_robots,
     led,
-    no_world,
     tune,
 )
 from hapnet.wire import messages
@@ -96,22 +91,14 @@ def _follower(start: CouplingStart[BilateralTuning]) -> BilateralEnd:
     return ForceFollower(start.tuning.follower_stiffness_N_m, 0.0)
 
 
-LAW = CouplingSpec(
-    name="pf",
-    title="position-force",
-    source="Lawrence 1993",
-    claim="passive only behind PSPM's port (bilateral.port=pspm)",
-    device=leader(_leader),
-    follower=follower(_follower),
-    world=no_world,
-    tuning=BilateralTuning,
-    tune=tune,
-    parameters=BilateralParams,
-    section=SECTION,
+LAW = between_robots(
+    "pf",
+    "position-force",
+    "Lawrence 1993",
+    (_leader, _follower),
+    BilateralTuning,
+    tune,
     world_sends=messages.Proxy,
-    set_positions=frozenset({"device", "world"}),
     springs=lambda params, tuning: (largest(params.world.stiffness),),
-    joint=False,
     senses=True,
-    covers=covers,
 )

@@ -14,17 +14,12 @@ damping (Lee, Spong 2006: passive for a damping of at least K R/2 on each side).
 from __future__ import annotations
 
 from hapnet.control.samples import CouplingSample
-from hapnet.couplings.spec import CouplingSpec, CouplingStart, two_springs
+from hapnet.couplings.spec import CouplingStart, two_springs
 from hapnet.ext.laws.parts.bilateral_port import (
-    SECTION,
     BilateralEnd,
-    BilateralParams,
     BilateralTuning,
-    covers,
-    follower,
-    leader,
+    between_robots,
     led,
-    no_world,
     tune,
 )
 
@@ -54,21 +49,13 @@ def _follower(start: CouplingStart[BilateralTuning]) -> BilateralEnd:
     return PositionEnd(start.tuning.follower_stiffness_N_m, start.tuning.leader_lead_s)
 
 
-LAW = CouplingSpec(
-    name="pp",
-    title="position-position",
-    source="Lawrence 1993",
-    claim="passive only behind PSPM's port (bilateral.port=pspm)",
-    device=leader(_leader),
-    follower=follower(_follower),
-    world=no_world,
-    tuning=BilateralTuning,
-    tune=tune,
-    parameters=BilateralParams,
-    section=SECTION,
-    set_positions=frozenset({"device", "world"}),
+LAW = between_robots(
+    "pp",
+    "position-position",
+    "Lawrence 1993",
+    (_leader, _follower),
+    BilateralTuning,
+    tune,
     scaled=True,
     springs=two_springs,
-    joint=False,
-    covers=covers,
 )

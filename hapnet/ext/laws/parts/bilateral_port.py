@@ -27,7 +27,7 @@ from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.pspm import modulator
 from hapnet.couplings.rendering import largest
 from hapnet.couplings.set_position import MakeModulator, held_servo, plain
-from hapnet.couplings.spec import CouplingStart, scalar_stiffness
+from hapnet.couplings.spec import CouplingSpec, CouplingStart, scalar_stiffness
 from hapnet.errors import InvalidParameter
 from hapnet.param_values import NOT_NEGATIVE, POSITIVE, parameter
 from hapnet.params import Params
@@ -197,6 +197,36 @@ def follower(make: Callable[[CouplingStart[T]], BilateralEnd]) -> Callable[[Coup
         return _servo(held, make(start), start.tuning.follower_damping_Ns_m, LawFollower)
 
     return made
+
+
+def between_robots(
+    name: str,
+    title: str,
+    source: str,
+    ends: tuple[Callable[[CouplingStart[T]], BilateralEnd], Callable[[CouplingStart[T]], BilateralEnd]],
+    tuning: type[T],
+    tune: Callable[[Params, Delays], T],
+    **more: Any,
+) -> CouplingSpec[T]:
+    """The `CouplingSpec` of a bilateral law. ends : make its leader's and its follower's. more : further entries."""
+    return CouplingSpec(
+        name=name,
+        title=title,
+        source=source,
+        claim="passive only behind PSPM's port (bilateral.port=pspm)",
+        device=leader(ends[0]),
+        follower=follower(ends[1]),
+        world=no_world,
+        tuning=tuning,
+        tune=tune,
+        parameters=BilateralParams,
+        section=SECTION,
+        set_positions=frozenset({"device", "world"}),
+        joint=False,
+        between_robots=True,
+        covers=covers,
+        **more,
+    )
 
 
 S = TypeVar("S", bound=SampledServo)
