@@ -17,7 +17,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.param_sources import RULE
 from hapnet.params import DeviceParams, Params, is_simulated, known_damping
 
-MOST_CEILING_J = 0.2
+MOST_CEILING_J = 0.5
 """A stiff spring needs a full reservoir: the ceiling grows with the stiffness up to this [J], if the user set none."""
 
 _ROUNDS = 30

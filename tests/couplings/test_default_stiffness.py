@@ -119,10 +119,33 @@ class Fast:
     def apply(self, force: tuple[float, ...]) -> None: ...
 
 
-def test_what_a_device_declares_counts_for_the_reserve() -> None:
-    made = choosing(Params().set({"hardware": "tests.couplings.test_default_stiffness:Fast"}), spring).device
-    assert made.stiffness == 100.0  # at 3 m/s no ceiling up to 0.2 J covers more
-    assert made.ceiling_J == 0.2
+class Faster(Fast):
+    """A device so fast that no ceiling up to 0.5 J covers its held torque."""
+
+    greatest_speed = 8.0
+
+
+class Strong(Fast):
+    """A strong device. Its own force is no reason for a softer spring."""
+
+    force_limit, greatest_speed = 12.0, 1.0
+    stiffness_range = (1.0, 14_500.0)
+
+
+@pytest.mark.parametrize(
+    ("made_of", "stiffness", "needed"),
+    [
+        (Fast, 1500.0, (0.021 * 3.0 * 3.3 - 3.0**2 / 3000.0) / 0.7),  # 0.3 N of the limit are the damper's, at 3 m/s
+        (Faster, 100.0, 0.5),
+        (Strong, 3500.0, (0.021 * 12.0 - 11.9**2 / 7000.0) / 0.7),  # as stiff as the springs of wall and world together
+    ],
+)
+def test_what_a_device_declares_counts_for_the_reserve(made_of: type[Fast], stiffness: float, needed: float) -> None:
+    hardware = f"tests.couplings.test_default_stiffness:{made_of.__name__}"
+    most_N = max(3.3, made_of.force_limit)  # the user allows what the device can
+    made = choosing(Params().set({"hardware": hardware, "device.force_limit_N": most_N}), spring).device
+    assert made.stiffness == stiffness
+    assert needed <= made.ceiling_J <= needed + 1e-3
 
 
 def test_one_axis_without_stiffness_is_refused() -> None:
