@@ -19,9 +19,10 @@ from hapnet.records.vectors import copy, dot, equal, length, times
 FORGET_S = 0.5
 """Time constant with which the planes' shift fades without contact [s]."""
 
-SETTLED_MPS = 0.02
-"""If the proxy moves faster along a normal [m/s], its force does not locate the plane: the force is the mean over a
-step, the position that of its end. With the default springs it is seven times slower than the hand in contact."""
+SETTLED_MPS = 0.005
+"""If the proxy moves faster along a normal [m/s], its force does not locate the plane: a wall's damper takes a part of
+it, 17 um of depth at this speed in the default wall. With the default springs the proxy is seven times slower than the
+hand in contact."""
 
 SWEEPS = 32
 """The most Gauss-Seidel sweeps over the planes. Orthogonal planes need two; the second finds no change."""
@@ -167,6 +168,7 @@ def _take(model: ContactState, n: int, x: Reals) -> None:
     if count >= 0:
         _follow_proxy(model, n, answer.position, answer.sent_s)
         compare(model, n)
+        copy(n, answer.position, model.earlier)
     if count >= 0 and model.remembers and answer.reach_m >= 0.0:
         for j in range(model.count):
             one = model.planes[j]
@@ -263,12 +265,16 @@ def finish(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
 
 @equation
 def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -> None:
-    """Compute the proxy's velocity since the answer before, into `model.leading` [m/s]; zero for the first answer."""
+    """Compute the proxy's velocity since the answer before, into `model.leading` [m/s]; zero for the first answer.
+
+    `model.earlier` becomes the middle of its way, where the mean force of its step holds.
+    """
     moved = model.has_earlier != 0 and sent_s > model.earlier_s
     span = sent_s - model.earlier_s
     for i in range(n):
-        model.leading[i] = (position[i] - model.earlier[i]) / span if moved else 0.0
-        model.earlier[i] = position[i]
+        way = position[i] - model.earlier[i] if moved else 0.0
+        model.leading[i] = way / span if moved else 0.0
+        model.earlier[i] = position[i] - way / 2.0
     model.earlier_s, model.has_earlier = sent_s, 1
 
 
@@ -276,32 +282,34 @@ def _follow_proxy(model: ContactState, n: int, position: Reals, sent_s: float) -
 def compare_with(model: ContactState, first: int, count: int, earlier: Sequence[ContactPlane], n: int) -> None:
     """Find the shift with which the contact planes agree with the proxy's own position and force, if these suffice.
 
-    The force is that of the completed step, so a plane that is new since then cannot be compared yet. The proxy's
-    velocity is in `model.leading`. first, count : of the answer's planes; earlier : the planes known before.
+    The force is the mean of the completed step, so it belongs to the middle of the proxy's way, `model.earlier`. A
+    plane that is new since then, or that the proxy has begun or ceased to touch on this way, cannot be compared. The
+    proxy's velocity is in `model.leading`. first, count : of the answer's planes; earlier : the planes known before.
     """
-    position, force = model.answer.position, model.answer.force
+    position, middle, force = model.answer.position, model.earlier, model.answer.force
     for i in range(n):
         model.before[i] = 0.0
     known, deepest = False, -1.0  # farther planes are not sent
     for k in range(first, first + count):
-        deepest = max(deepest, depth(model.answer.planes[k], n, position))
+        deepest = max(deepest, depth(model.answer.planes[k], n, middle))
     for k in range(first, first + count):
         one = model.answer.planes[k]
         if parallel(model.answer.planes, first, k, n, one) >= 0:
             continue
-        moving = abs(dot(n, one.normal, model.leading)) > SETTLED_MPS
+        deep, end = depth(one, n, middle), depth(one, n, position)
+        moving = abs(dot(n, one.normal, model.leading)) > SETTLED_MPS or (2.0 * deep > end) != (end > 0.0)
         if moving or not among(one, earlier, model.count, n, position):
             copy(n, model.shifted, model.goal)
             model.has_goal = 1
             return
-        deep, push = depth(one, n, position), -dot(n, one.normal, force)
+        push = -dot(n, one.normal, force)
         if deep <= 0.0 and deep < deepest:
             continue  # the force is that of other planes
         if push > 0.0:
             stiffness = one.stiffness
             for j in range(model.answer.count):
                 other = model.answer.planes[j]
-                along, behind = dot(n, other.normal, one.normal), max(0.0, depth(other, n, position))
+                along, behind = dot(n, other.normal, one.normal), max(0.0, depth(other, n, middle))
                 if j != k and behind > 0.0 and along > PARALLEL:
                     stiffness += other.stiffness
                     push -= other.stiffness * (behind - deep)

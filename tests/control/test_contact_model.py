@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import minimize
 
-from hapnet.checks import Vector
+from hapnet.checks import Array, Vector
 from hapnet.control.added_damping import AddedDamping
 from hapnet.control.contact_equations import SETTLED_MPS, share
 from hapnet.control.contact_model import ContactModel
@@ -174,13 +174,31 @@ def test_a_wrong_plane_is_corrected_by_what_the_proxy_feels(error: float, factor
     [((0.0, 0.3), -0.003), ((0.9 * SETTLED_MPS, 0.3), -0.003), ((1.1 * SETTLED_MPS, 0.0), 0.0), ((-0.1, 0.3), 0.0)],
 )
 def test_only_a_proxy_that_does_not_move_along_a_normal_corrects_its_plane(velocity: Vector, shift: float) -> None:
-    """The plane is really 3 mm nearer than is said; the force is that of the true one, wherever the proxy is."""
+    """The plane is really 3 mm nearer than is said; the force is the mean that the true one exerts during each step."""
     m = model((0.05, 0.0))
     for k in range(20):
         x = (0.05 + velocity[0] * 0.02 * k, velocity[1] * 0.02 * k)
-        m.receive(reported((Plane((1.0, 0.0), 0.003, K_WALL, 10.0),), x, (-K_WALL * x[0], 0.0)), 0.02 * k, 0.0)
+        mean_N = K_WALL * (x[0] - (0.01 * velocity[0] if k else 0.0))
+        m.receive(reported((Plane((1.0, 0.0), 0.003, K_WALL, 10.0),), x, (-mean_N, 0.0)), 0.02 * k, 0.0)
         after(m, x, 0.02)
     assert m.shift == pytest.approx((shift, 0.0), abs=2e-6)
+
+
+@pytest.mark.parametrize("speed", [0.2 * SETTLED_MPS, 0.9 * SETTLED_MPS])
+def test_brief_touches_do_not_shift_a_plane_that_is_right(speed: float) -> None:
+    """To and fro through the surface at a constant speed, in steps of 30 ms; the force is the mean of each step."""
+    m, deepest, edge = model((0.01,)), 2.6 * speed * 0.03, 5.0 * speed * 0.03  # in and out within steps
+
+    def force(at_s: Array) -> Array:
+        depth: Array = deepest - np.abs((speed * at_s) % (2.0 * edge) - edge)
+        return K_WALL * np.maximum(0.0, depth)
+
+    for k in range(1, 200):
+        during = (k - 1 + (np.arange(300) + 0.5) / 300.0) * 0.03
+        x = float(deepest - np.abs((speed * 0.03 * k) % (2.0 * edge) - edge))
+        m.receive(reported((wall(),), (x,), (-float(np.mean(force(during))),)), 0.03 * k, 0.0)
+        after(m, (0.01,), 0.03)
+        assert abs(m.shift[0]) < 1e-9
 
 
 def test_a_plane_in_front_of_which_the_proxy_does_not_stop_gives_way() -> None:

@@ -162,15 +162,15 @@ def test_a_moving_ball_goes_on_as_a_ball() -> None:
 
 
 def test_a_ball_that_the_proxy_slides_over_is_one_surface() -> None:
-    """So what the proxy feels corrects it: each message has the ball 1 mm too near, 0.4 rad farther on."""
+    """So what the proxy feels corrects it: each message has the ball 1 mm too near, 0.02 rad farther on."""
     centre, radius, error, deep = np.array((0.0, 0.0)), 0.02, 1e-3, 2e-3
     m = model((-0.03, 0.0))
-    for k in range(4):
-        out = np.array((-math.cos(0.4 * k), math.sin(0.4 * k)))
+    for k in range(60):
+        out = np.array((-math.cos(0.02 * k), math.sin(0.02 * k)))
         x = (centre + (radius - deep) * out).tolist()
         force = K_WALL * (deep - error) * out
         ball = Plane.of_ball(x, centre.tolist(), radius, K_WALL)
-        m.receive(reported((ball,), tuple(x), tuple(force.tolist())), 1.0 * k, 0.0)
+        m.receive(reported((ball,), tuple(x), tuple(force.tolist())), 0.3 * k, 0.0)
         after(m, (-0.03, 0.0), 0.3)
         if k:
             assert m.shift == pytest.approx(tuple((-error * out).tolist()), abs=5e-5)
