@@ -18,7 +18,7 @@ A physics engine that integrates the proxy itself does not use this interface: i
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from hapnet.checks import Vector
@@ -99,6 +99,17 @@ class Surroundings(Protocol):
         """
         return 0.0
 
+    def slide(
+        self, position: Sequence[float], gap_m: float, way: MutableSequence[float], pull: MutableSequence[float]
+    ) -> bool:
+        """Reduce `way` and `pull` (n,) [m] to their parts along all surfaces within `gap_m` [m] of `position` (n,) [m]:
+        no force acts along these. Shorten the way to end that far from others. False: no such way is known."""
+        return False
+
+    def stays(self, position: Sequence[float], place: Sequence[float]) -> bool:
+        """Whether a proxy's contacts are known to be the same at both places (n,) [m]: the way does no work."""
+        return False
+
     def plane(self, position: Sequence[float]) -> Plane | None:
         """The plane in which a proxy at `position` (n,) [m] is deepest; None: it touches no plane."""
         deepest = next(iter(self.planes(position, 0.0) or ()), None)
@@ -108,11 +119,6 @@ class Surroundings(Protocol):
         """Largest penetration depth of `position` (n,) in an obstacle [m]; 0 outside, or if it is unknown."""
         plane = self.plane(position)
         return 0.0 if plane is None else plane.depth(position)
-
-
-def clearance(contacts: Surroundings, position: Sequence[float]) -> float:
-    """Call the surroundings' `clearance` [m]. Compiled versions are in ext/compiled/kinds.py."""
-    return contacts.clearance(tuple(position))
 
 
 _AT_REST_M = 1e-13

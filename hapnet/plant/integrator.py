@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from hapnet import checks
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
-from hapnet.mechanics.contacts import Mass, Step, Surroundings, clearance
+from hapnet.mechanics.contacts import Mass, Step, Surroundings
+from hapnet.mechanics.sliding import clearance, stays
 from hapnet.records.record import FloatRows, Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
 from hapnet.records.vectors import dot, times
 
@@ -385,12 +386,11 @@ def move(mass: PassiveIntegrator, dt: float) -> None:
 @equation
 def displace(mass: PassiveIntegrator, way: Reals, dt: float, contacts: Surroundings) -> bool:
     """Move the mass by `way` [m] at the end of a step: `Mass.displace`."""
-    place = mass.error
+    place, touched = mass.error, False
     for i in range(mass.n):
         place[i] = mass.x[i] + way[i]
-        if mass.force[i] != 0.0:
-            return False
-    if clearance(contacts, place) <= 0.0:
+        touched = touched or mass.force[i] != 0.0
+    if (touched or clearance(contacts, place) <= 0.0) and not stays(contacts, mass.x, place):
         return False
     for i in range(mass.n):
         mass.x[i] += way[i]

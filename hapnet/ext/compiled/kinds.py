@@ -15,7 +15,7 @@ from hapnet.ext.compiled import law_sides, link, samples, sides, simulation, sol
 from hapnet.ext.compiled.names import Kind
 from hapnet.ext.compiled.simulation import Scenario
 from hapnet.ext.solids.rigid_step import SolidContact
-from hapnet.mechanics.contacts import clearance
+from hapnet.mechanics.sliding import clearance, slide, slide_along_walls, stays, stays_in_walls
 from hapnet.plant import integrator
 from hapnet.plant.tick import held_tick, tick as make_tick
 from hapnet.plant.worlds import walls
@@ -28,6 +28,7 @@ Choices = dict[Callable[..., Any], Callable[..., Any]]
 OF_SET_POSITIONS: Choices = {
     coupling.update: sides.update, coupling.potential: set_position_coupling.potential, integrator.respond: sides.meet,
     walls.apply: integrator.solve, clearance: walls.clearance, carrying.displace: integrator.displace,
+    slide: slide_along_walls, stays: stays_in_walls,
     steps.advance: sides.advance, steps.take: sides.take_at_world,
     steps.answer: sides.answer, steps.settle: sides.settle, ticks.measure: sides.measure,
     ticks.take: sides.take_at_device, ticks.act: sides.act, ticks.hold: sides.hold,

@@ -16,13 +16,13 @@ from hapnet.ext.solids import rigid_step, sight
 from hapnet.ext.solids.rigid_contacts import SEARCHED_M
 from hapnet.ext.solids.rigid_step import SolidContact
 from hapnet.ext.solids.shapes import Triple, put_bend, triple
-from hapnet.mechanics import contacts as surroundings
+from hapnet.mechanics import sliding
 from hapnet.mechanics.curvature import copy_bends
 from hapnet.mechanics.plane import FOLDED
 from hapnet.plant import integrator
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds import walls
-from hapnet.records.record import AXES, POINT_PLANES, Reals, equation
+from hapnet.records.record import AXES, POINT_PLANES, Floats, Reals, equation
 from hapnet.records.vectors import copy, dot
 
 Choices = dict[Callable[..., Any], Callable[..., Any]]
@@ -52,6 +52,18 @@ def meet(mass: PassiveIntegrator, dt: float, contacts: SolidContact) -> None:
 def penetration(contacts: SolidContact, position: Reals) -> float:
     """The deepest penetration into the solids at a position [m]: `RigidContacts.penetration`."""
     return rigid_step.deepest(contacts, _padded(contacts.dof, position))
+
+
+@equation
+def slide(contacts: SolidContact, x: Reals, gap_m: float, way: Floats, pull: Floats) -> bool:
+    """No way along solids is known that does no work: `Surroundings.slide`."""
+    return False
+
+
+@equation
+def stays(contacts: SolidContact, x: Reals, place: Reals) -> bool:
+    """No contact with solids is known to stay as it is: `Surroundings.stays`."""
+    return False
 
 
 @equation
@@ -124,7 +136,7 @@ def understand_surface(one: ContactPlane, n: int, sample: MessageSlot, k: int) -
 
 AMONG_SOLIDS: Choices = {
     integrator.respond: meet, sides.see: see, walls.penetration: penetration, walls.stored: stored,
-    surroundings.clearance: clearance,
+    sliding.clearance: clearance, sliding.slide: slide, sliding.stays: stays,
     endpoint.surface_bytes: surface_bytes, link.copy_surfaces: copy_surfaces,
     sides.understand_surface: understand_surface, **contact_surfaces.IN_PLACE_OF_FLAT_ONES,
 }  # fmt: skip

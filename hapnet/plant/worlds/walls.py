@@ -34,6 +34,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
+from hapnet.mechanics.sliding import slide_along_walls, stays_in_walls
 from hapnet.params import WallParams
 from hapnet.plant.worlds import coupled
 from hapnet.plant.worlds.coupled import MOST, Coupled
@@ -282,6 +283,8 @@ class Contacts(Record, Surroundings):
             nearest = min(nearest, self.offsets[k] - dot(self.dof, self.normals[k], position))
         return nearest
 
+    slide, stays = slide_along_walls, stays_in_walls
+
     def planes(self, position: Sequence[float], reach_m: float) -> tuple[Plane, ...]:
         """The walls at `position` (n,) [m], or within `reach_m` [m] of it: at most four, the deepest first."""
         return tuple([self._planes[k] for k in self.near[: self.nearest(position, reach_m)]])
@@ -334,18 +337,10 @@ class Contacts(Record, Surroundings):
     def solve(
         self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
     ) -> tuple[list[float], list[float]]:
-        """Contact force and mean velocity over a step.
+        """Contact force (n,) [N] and mean velocity vhat (n,) [m/s] over a step, with A vhat = c + force.
 
-        Parameters
-        ----------
-        dt : T [s].
-        position : (n,) x_k [m].
-        velocity : (n,) the mean velocity vhat = A^-1 c [m/s] that the step has without contact.
-        inverse : applies A^-1 to a vector.
-
-        Returns
-        -------
-        (n,) force [N] and (n,) velocity vhat [m/s], with A vhat = c + force.
+        dt : T [s]. position : (n,) x_k [m]. velocity : (n,) the mean velocity A^-1 c [m/s] that the step has without
+        contact. inverse : applies A^-1 to a vector.
         """
         if not self.separate:
             return self._solve_together(dt, position, velocity, inverse)
