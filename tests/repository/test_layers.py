@@ -70,7 +70,7 @@ ABOVE = {
     "pictures": {"metrics", "arms", "solids"},
     "study": {"metrics", "pictures", "arms", "tools"},
     "page": {"laws", "arms", "solids"},
-    "many": {"solids"},
+    "many": {"solids", "engines"},
     "doctor": {"pictures"},
     "compiled": {"laws", "solids", "tools", "arms"},  # it compiles their equations
     "bench": {"compiled", "arms", "tools", "solids", "page", "pictures"},
@@ -79,7 +79,7 @@ ABOVE = {
 
 EQUATIONS_TOO = ("laws", "solids", "engines", "soft", "tools", "arms", "compiled")
 """The extensions that are as pure as the core below `assembly`."""
-EQUATIONS_OF_MANY = {"hapnet/ext/many/blocks.py", "hapnet/ext/many/shared.py"}  # the rest of it runs graphs
+EQUATIONS_OF_MANY = {f"hapnet/ext/many/{name}.py" for name in ("blocks", "joint", "shared")}  # the rest runs graphs
 
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",

@@ -62,7 +62,7 @@ Substep = Callable[[float, Vector, float], tuple[Vector, float]]
 """A function that does a substep, of its length [s], a set-position [m] or a force [N], and the most energy that it may
 take [J]. Returns the mean force applied [N], and its work [J]."""
 
-_PAID = 1.0 - 1e-12
+PAID = 1.0 - 1e-12
 """The share of the available energy that may be used, so that rounding makes no deficit."""
 
 
@@ -79,8 +79,8 @@ class EngineMass(Mass):
     def __init__(self, account: EngineAccount, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> None:
         self._available_J = inf
         self._account = account
-        self._B, self._K = _matrix("damping", damping, account.dof), _matrix("stiffness", stiffness, account.dof)
-        self._lightness = np.array(np.linalg.inv(_matrix("mass", mass, account.dof)))
+        self._B, self._K = matrix_of("damping", damping, account.dof), matrix_of("stiffness", stiffness, account.dof)
+        self._lightness = np.array(np.linalg.inv(matrix_of("mass", mass, account.dof)))
         self._damper, self._stiffness = _product(self._B), _product(self._K)
         self._is_coupled = isinstance(account.engine, CoupledEngine)
         self._pushed: Vector = (0.0,) * account.dof
@@ -106,7 +106,7 @@ class EngineMass(Mass):
 
     def step(self, dt: float, set_position: Vector, contacts: Surroundings | None = None) -> Step:
         before = self._potential_J(self._account.position, set_position)
-        most = _PAID * (before + self._available_J)
+        most = PAID * (before + self._available_J)
         done = self._advance(dt, self._coupled if self._is_coupled else self._held, set_position, most)
         return done._replace(dissipated_J=done.work_J - (self._potential_J(done.position, set_position) - before))
 
@@ -138,20 +138,28 @@ class EngineMass(Mass):
 
     def _held(self, h: float) -> Substep:
         """Substeps of `h` [s] with a held force."""
-        account = self._account
-        spring, damper = self._gains(h)
+        gains = self._gains(h)
 
         def substep(h: float, set_position: Vector, most_J: float) -> tuple[Vector, float]:
-            before = account.velocity
-            e = tuple(map(sub, account.position, set_position))
-            u = [v + h * a for v, a in zip(before, self._pushed, strict=True)]
-            applied, done = account.substep(h, tuple(map(neg, map(add, spring(e), damper(u)))), most_J)
-            own = self._inverse_mass(applied)
-            changed = zip(account.velocity, before, own, strict=True)
-            self._pushed = tuple([(w - v) / h - a for w, v, a in changed])
+            before = self._account.velocity
+            applied, done = self._account.substep(h, self._demand(h, gains, set_position), most_J)
+            self._note(h, before, applied)
             return applied, done
 
         return substep
+
+    def _demand(self, h: float, gains: tuple[Product, Product], set_position: Vector) -> Vector:
+        """The coupling's force for the next substep of `h` [s]: F above [N]."""
+        (spring, damper), account = gains, self._account
+        e = tuple(map(sub, account.position, set_position))
+        u = [v + h * a for v, a in zip(account.velocity, self._pushed, strict=True)]
+        return tuple(map(neg, map(add, spring(e), damper(u))))
+
+    def _note(self, h: float, before: Vector, applied: Vector) -> None:
+        """Note the acceleration by other forces, after a substep with `applied` [N] from the velocity `before`."""
+        own = self._inverse_mass(applied)
+        changed = zip(self._account.velocity, before, own, strict=True)
+        self._pushed = tuple([(w - v) / h - a for w, v, a in changed])
 
     def _coupled(self, h: float) -> Substep:
         """Substeps of `h` [s] in which the engine integrates the proxy on its coupling."""
@@ -184,7 +192,7 @@ class EngineMass(Mass):
         """W (n, n) [1/kg], from the engine's inverse mass `own`."""
         dof = self._account.dof
         try:
-            known = _matrix("inverse_mass", own, dof)
+            known = matrix_of("inverse_mass", own, dof)
         except (TypeError, ValueError, OverflowError):
             known = np.full((dof, dof), np.nan)
         numbers = known.ravel().tolist()
@@ -265,17 +273,7 @@ class EngineWorld(WorldDefaults, Surroundings):
 
     def towards(self, position: Vector) -> Vector:
         """The farthest point from the start towards `position` where the proxy is free, to a thousandth."""
-
-        def along(share: float) -> Vector:
-            return tuple([a + share * (x - a) for a, x in zip(self.start, position, strict=True)])
-
-        low, high = 0.0, 1.0
-        if self.account.place(position):
-            return position
-        for _ in range(10):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.account.place(along(middle)) else (low, middle)
-        self.account.place(along(low))
+        free_towards(self.start, position, self.account.place)
         return self.account.position
 
     def signal(self, name: str, value: Signal) -> None:
@@ -317,6 +315,24 @@ class EngineWorld(WorldDefaults, Surroundings):
         return None if reported is None else contact_planes(self.account.name, reported, self.dof)
 
 
+def free_towards(start: Vector, position: Vector, place: Callable[[Vector], bool]) -> None:
+    """Place a proxy as far from `start` towards `position` (n,) [m] as it is free there, to a thousandth.
+
+    place : puts it somewhere, and returns whether it is free there.
+    """
+
+    def along(share: float) -> Vector:
+        return tuple([a + share * (x - a) for a, x in zip(start, position, strict=True)])
+
+    low, high = 0.0, 1.0
+    if place(position):
+        return
+    for _ in range(10):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if place(along(middle)) else (low, middle)
+    place(along(low))
+
+
 def _product(matrix: Array) -> Product:
     """A function that multiplies a vector by `matrix`; faster than numpy for three axes."""
     if not (matrix - np.diag(np.diagonal(matrix))).any():
@@ -326,7 +342,7 @@ def _product(matrix: Array) -> Product:
     return lambda vector: [inner(row, vector) for row in rows]
 
 
-def _matrix(name: str, value: ArrayLike, dof: int) -> Array:
+def matrix_of(name: str, value: ArrayLike, dof: int) -> Array:
     """An (n, n) matrix from a scalar, a diagonal or a matrix."""
     given = np.asarray(value, dtype=float)
     if given.ndim == 2 and given.shape == (dof, dof):

@@ -2,10 +2,10 @@
 
 ``mujoco:FILE.xml`` loads any model as it is. A sphere is added that only the virtual coupling moves: on slide joints,
 without weight. It touches every body that has contacts, and uses none of the model's defaults. ``?proxy=NAME`` makes a
-body of the model the proxy, at its centre of mass, or a site, at its place. ``?at=X,Y,Z`` [m] is the start of the added
-sphere, ``?radius=`` [m] its radius, ``?planes=`` the choice of contact planes to send
-(`hapnet.ext.engines.mujoco_planes`), ``?key=`` the keyframe at the start, by name or number, ``?ctrl=A,B`` the commands
-of its actuators; join several options by &.
+body of the model the proxy, at its centre of mass, or a site, at its place; ``?proxy=A,B`` names the proxies of several
+hands, and one hand holds the first. ``?at=X,Y,Z`` [m] is the start of the added sphere, ``?radius=`` [m] its radius,
+``?planes=`` the choice of contact planes to send (`hapnet.ext.engines.mujoco_planes`), ``?key=`` the keyframe at the
+start, by name or number, ``?ctrl=A,B`` the commands of its actuators; join several options by &.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Asked(NamedTuple):
     """The options in a scene's name."""
 
     file: str
-    proxy: str
+    proxies: tuple[str, ...]
     at: tuple[float, ...]
     radius: float
     planes: str
@@ -58,8 +58,17 @@ class Asked(NamedTuple):
     ctrl: tuple[float, ...]
 
 
+class Held(NamedTuple):
+    """A hand's proxy: the body or site of this name; or, without a name, a sphere that begins `at` a place [m], or at a
+    free place above the origin."""
+
+    name: str = ""
+    at: tuple[float, ...] = ()
+
+
 class MujocoModel(NamedTuple):
-    """A compiled model. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide joints, empty without it.
+    """A compiled model, with one of its proxies. `body`, `site`: the proxy's, -1: none; `dofs`: the sphere's slide
+    joints, empty without it.
     `key`: the keyframe at the start, -1: none. `overlaps`: pairs of bodies that overlap at the start."""
 
     engine: Any
@@ -90,17 +99,28 @@ def asked(scene: str) -> Asked:
         raise InvalidParameter("scene", scene, "either proxy=NAME, or at= and radius= for an added sphere")
     if (planes := options.get("planes", "auto")) not in PLANES:
         raise InvalidParameter("scene", scene, f"planes= one of {', '.join(PLANES)}")
-    return Asked(file, options.get("proxy", ""), at, radius, planes, options.get("key", ""), ctrl)
+    proxies = tuple(options["proxy"].split(",")) if "proxy" in options else ()
+    if not all(proxies) or len({*proxies}) < len(proxies):
+        raise InvalidParameter("scene", scene, "proxy= different names of bodies and sites, with commas")
+    return Asked(file, proxies, at, radius, planes, options.get("key", ""), ctrl)
+
+
+def held_first(scene: str) -> Held:
+    """The proxy of a single hand in the model that `scene` names."""
+    want = asked(scene)
+    return Held(want.proxies[0]) if want.proxies else Held(at=want.at)
 
 
 def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in text.split(",") if part.strip())
 
 
-def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | None = None) -> MujocoModel:
-    """The model that `scene` names, with a proxy of `mass` [kg] if a sphere is added, which moves on `dof` axes.
+def load(
+    scene: str, dof: int, mass: float, hands: Sequence[Held], add: Callable[[Any, Any], None] | None = None
+) -> tuple[MujocoModel, ...]:
+    """The model that `scene` names, once with each hand's proxy; the spheres weigh `mass` [kg], and move on `dof` axes.
 
-    add : a function of engine and model that adds a free body instead of the sphere; the caller places it.
+    add : a function of engine and model that adds a free body instead of one hand's sphere; the caller places it.
 
     Raises MissingLibrary; InvalidParameter: there is no such file, it is not a model, or it has no such body.
     """
@@ -116,21 +136,23 @@ def load(scene: str, dof: int, mass: float, add: Callable[[Any, Any], None] | No
         check_sizes(Path(want.file))
         spec = engine.MjSpec.from_file(want.file)
         total = float(spec.compiler.settotalmass)
-        spec.compiler.settotalmass = -1.0  # the sphere does not count in the model's mass
+        spec.compiler.settotalmass = -1.0  # the spheres do not count in the model's mass
         if add is not None:
             add(engine, spec)
-        elif not want.proxy:
-            _add_sphere(engine, spec, want, dof, mass)
+        else:
+            for number, held in enumerate(hands):
+                if not held.name:
+                    _add_sphere(engine, spec, _prefix(number), held.at, want.radius, dof, mass)
         model = spec.compile()
         data = engine.MjData(model)
         if total > 0.0:
-            _weigh(engine, model, total)
+            _weigh(engine, model, total, len(hands))
         if not SHORTEST_S <= (timestep := float(model.opt.timestep)) <= MAX_S:
             allowed = f"a model with a timestep of {SHORTEST_S:g} to {MAX_S:g} s; that of {want.file} is {timestep:g} s"
             raise InvalidParameter("scene", scene, allowed)
         model.opt.enableflags |= int(engine.mjtEnableBit.mjENBL_ENERGY)
         model.opt.disableflags |= int(engine.mjtDisableBit.mjDSBL_AUTORESET)  # a reset would make energy
-        return _with_proxy(engine, model, data, scene, want, dof, lifts=add is None)
+        return _with_proxies(engine, model, data, scene, hands, dof, lifts=add is None)
     except InvalidParameter:
         raise
     except Exception as error:
@@ -141,25 +163,30 @@ def _quiet(warning: str) -> None:
     """Drop a warning, which MuJoCo would write to a file in the working directory. Invalid energy ends the run."""
 
 
-def _add_sphere(engine: Any, spec: Any, want: Asked, dof: int, mass: float) -> None:
-    """Add the sphere, on slide joints."""
+def _prefix(number: int) -> str:
+    """The prefix of the names of this hand's sphere."""
+    return f"{_PREFIX}{number + 1}_" if number else _PREFIX
+
+
+def _add_sphere(engine: Any, spec: Any, prefix: str, at: Sequence[float], radius: float, dof: int, mass: float) -> None:
+    """Add a sphere, on slide joints."""
 
     def slide(body: Any) -> None:
         for axis in range(dof):
             along = [float(i == axis) for i in range(3)]
             body.add_joint(name=f"{_PROXY}_{'xyz'[axis]}", type=engine.mjtJoint.mjJNT_SLIDE, axis=along)
 
-    geom = {"type": engine.mjtGeom.mjGEOM_SPHERE, "size": [want.radius, 0.0, 0.0], "mass": mass}
-    _add_proxy(engine, spec, want.at, slide, geom)
+    geom = {"type": engine.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0.0, 0.0], "mass": mass}
+    _add_proxy(engine, spec, prefix, at, slide, geom)
 
 
 def add_free_body(engine: Any, spec: Any, geom: Mapping[str, Any], margin_m: float) -> None:
     """Add a free body as the proxy: one `geom`, type, size and mass. Contacts within `margin_m` are listed."""
-    _add_proxy(engine, spec, (), lambda body: body.add_freejoint(name=_PROXY), {**geom, "gap": margin_m})
+    _add_proxy(engine, spec, _PREFIX, (), lambda body: body.add_freejoint(name=_PROXY), {**geom, "gap": margin_m})
 
 
 def _add_proxy(
-    engine: Any, spec: Any, at: Sequence[float], join: Callable[[Any], None], geom: Mapping[str, Any]
+    engine: Any, spec: Any, prefix: str, at: Sequence[float], join: Callable[[Any], None], geom: Mapping[str, Any]
 ) -> None:
     """Add a body without weight as a model of its own, which has MuJoCo's defaults and not those of `spec`."""
     own = engine.MjSpec()
@@ -170,46 +197,59 @@ def _add_proxy(
     body.add_geom(
         name=_PROXY, contype=_ALL, conaffinity=_ALL, priority=-1, rgba=[0.9, 0.5, 0.1, 1.0], margin=0.0, **geom
     )
-    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+    spec.attach(own, frame=spec.worldbody.add_frame(), prefix=prefix)
 
 
-def _weigh(engine: Any, model: Any, total: float) -> None:
-    """Scale all bodies but the sphere to the total mass [kg] that the model sets."""
-    own = np.arange(model.nbody) != max(0, int(engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _NAME)))
+def _weigh(engine: Any, model: Any, total: float, hands: int) -> None:
+    """Scale all bodies but the spheres to the total mass [kg] that the model sets."""
+    spheres = [engine.mj_name2id(model, engine.mjtObj.mjOBJ_BODY, _prefix(k) + _PROXY) for k in range(hands)]
+    own = ~np.isin(np.arange(model.nbody), [0, *spheres])
     share = total / float(model.body_mass[own].sum())
     model.body_mass[own] *= share
     model.body_inertia[own] *= share
     engine.mj_setConst(model, engine.MjData(model))  # mj_setConst changes the data passed to it
 
 
-def _with_proxy(engine: Any, model: Any, data: Any, scene: str, want: Asked, dof: int, *, lifts: bool) -> MujocoModel:
-    kinds, site = engine.mjtObj, -1
-    if want.proxy:
-        body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, want.proxy))
-        if body < 0:
-            site = int(engine.mj_name2id(model, kinds.mjOBJ_SITE, want.proxy))
-            if site < 0:
-                bodies = ", ".join(model.body(i).name for i in range(1, model.nbody) if model.body(i).name) or "none"
-                raise InvalidParameter("scene", scene, f"the name of a body or site of the model (bodies: {bodies})")
-            body = int(model.site_bodyid[site])
-        if model.body_weldid[body] == 0:
-            raise InvalidParameter("scene", scene, f"a body that can move: {want.proxy} is fixed to the world")
-        dofs: tuple[int, ...] = ()
-    else:
-        body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, _NAME))
-        first = int(model.body_dofadr[body])
-        dofs = tuple(range(first, first + dof))
-    key = _begin(engine, model, data, scene, want, dofs)
-    if dofs and lifts and not want.at:
+def _with_proxies(
+    engine: Any, model: Any, data: Any, scene: str, hands: Sequence[Held], dof: int, *, lifts: bool
+) -> tuple[MujocoModel, ...]:
+    want, parts = asked(scene), [_parts(engine, model, scene, held, k, dof) for k, held in enumerate(hands)]
+    key = _begin(engine, model, data, scene, want, [joint for _, _, dofs in parts for joint in dofs])
+    for held, (body, _, dofs) in zip(hands, parts, strict=True):
+        if dofs and lifts and not held.at:
 
-        def lift() -> None:
-            model.body_pos[body][2] += want.radius
+            def lift(body: int = body) -> None:
+                model.body_pos[body][2] += want.radius
 
-        raised(engine, model, data, body, lift, MOST_LIFTS)
+            raised(engine, model, data, body, lift, MOST_LIFTS)
     engine.mj_forward(model, data)
-    geoms = frozenset(np.flatnonzero(model.geom_bodyid == body).tolist())
-    overlaps = tuple(_overlaps(engine, model, data, body if dofs else -1))
-    return MujocoModel(engine, model, data, body, site, dofs, geoms, key, overlaps)
+    overlaps = tuple(_overlaps(engine, model, data, {body for body, _, dofs in parts if dofs}))
+    geoms = [frozenset(np.flatnonzero(model.geom_bodyid == body).tolist()) for body, _, _ in parts]
+    return tuple(
+        MujocoModel(engine, model, data, body, site, dofs, own, key, overlaps)
+        for (body, site, dofs), own in zip(parts, geoms, strict=True)
+    )
+
+
+def _parts(engine: Any, model: Any, scene: str, held: Held, number: int, dof: int) -> tuple[int, int, tuple[int, ...]]:
+    """Body, site and slide joints of a hand's proxy, as in `MujocoModel`."""
+    kinds, site = engine.mjtObj, -1
+    if not held.name:
+        body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, _prefix(number) + _PROXY))
+        first = int(model.body_dofadr[body])
+        return body, site, tuple(range(first, first + dof))
+    body = int(engine.mj_name2id(model, kinds.mjOBJ_BODY, held.name))
+    if body < 0:
+        site = int(engine.mj_name2id(model, kinds.mjOBJ_SITE, held.name))
+        if site < 0:
+            bodies = ", ".join(model.body(i).name for i in range(1, model.nbody) if model.body(i).name) or "none"
+            sites = ", ".join(model.site(i).name for i in range(model.nsite) if model.site(i).name) or "none"
+            allowed = f"the name of a body or site of the model, not {held.name} (bodies: {bodies}; sites: {sites})"
+            raise InvalidParameter("scene", scene, allowed)
+        body = int(model.site_bodyid[site])
+    if model.body_weldid[body] == 0:
+        raise InvalidParameter("scene", scene, f"a body that can move: {held.name} is fixed to the world")
+    return body, site, ()
 
 
 def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Sequence[int]) -> int:
@@ -234,13 +274,13 @@ def _begin(engine: Any, model: Any, data: Any, scene: str, want: Asked, dofs: Se
     return key
 
 
-def _overlaps(engine: Any, model: Any, data: Any, sphere: int) -> Iterator[str]:
+def _overlaps(engine: Any, model: Any, data: Any, spheres: set[int]) -> Iterator[str]:
     """The pairs of bodies that overlap at the start, with their depth, the deepest first."""
     deepest: dict[tuple[int, int], float] = {}
     for i in range(data.ncon):
         contact = data.contact[i]
         first, second = (int(model.geom_bodyid[geom]) if geom >= 0 else -1 for geom in contact.geom.tolist())
-        if sphere not in (first, second) and -contact.dist > deepest.get((first, second), _OVERLAP_M):
+        if spheres.isdisjoint((first, second)) and -contact.dist > deepest.get((first, second), _OVERLAP_M):
             deepest[first, second] = -float(contact.dist)
     for (first, second), depth in sorted(deepest.items(), key=lambda item: -item[1]):
         names = [model.body(i).name or f"body {i}" if i >= 0 else "a flex" for i in (first, second)]

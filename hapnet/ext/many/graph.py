@@ -16,6 +16,7 @@
     link = "4g"                        # or link.up and link.down
     at = [0.1, 0, 0]                   # where the device's origin is in the world [m]; by default at its origin
     rights = "watch"                   # its hand sees the blocks, and touches none; by default: touch
+    proxy = "left"                     # the body or site of a MuJoCo model that its hand holds
 
 A node's and an edge's parameters go before those for all. An edge has the name ``alice-table``, or its own `name`.
 """
@@ -52,7 +53,7 @@ _OF_KINDS: Mapping[str, tuple[str, ...]] = {
 """The parameters and sections that a node of each kind sets."""
 
 _OF_EDGES = ("link", "wire")
-_WORDS_OF_EDGES = ("from", "to", "name", "at", "rights")
+_WORDS_OF_EDGES = ("from", "to", "name", "at", "rights", "proxy")
 TOUCH, WATCH = RIGHTS = ("touch", "watch")
 """Whether a hand touches the blocks of its world, or only sees them."""
 
@@ -69,7 +70,8 @@ class Node:
 @dataclass(frozen=True)
 class Edge:
     """A pair: the names of its device and its world, where the device's origin is in the world [m] (empty: at its
-    origin), the parameters of its link by dotted names, and one of `RIGHTS`.
+    origin), the parameters of its link by dotted names, one of `RIGHTS`, and the proxy that its hand holds in a MuJoCo
+    model (empty: the next one that the scene names, or a sphere).
     """
 
     name: str
@@ -78,6 +80,7 @@ class Edge:
     at: Vector
     changes: Mapping[str, object]
     rights: str = TOUCH
+    proxy: str = ""
 
 
 @dataclass(frozen=True)
@@ -181,7 +184,10 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
         raise InvalidParameter(f"{where}.name", name, "up to 80 letters, digits, _ and -, such as left-hand")
     if (rights := entries.get("rights", TOUCH)) not in RIGHTS:
         raise InvalidParameter(f"{where}.rights", rights, " or ".join(RIGHTS), RIGHTS)
-    return Edge(name, ends[0], ends[1], tuple(map(float, at)), dict(flatten(changes)), rights)
+    proxy = entries.get("proxy", "")
+    if not isinstance(proxy, str) or (not proxy and "proxy" in entries):
+        raise InvalidParameter(f"{where}.proxy", proxy, "the name of a body or site of the world's MuJoCo model")
+    return Edge(name, ends[0], ends[1], tuple(map(float, at)), dict(flatten(changes)), rights, proxy)
 
 
 @contextmanager

@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from hapnet.assembly.build import Setup, prepare
+from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import WATCH, Edge, Graph, about
+from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.models import seats_in_model
 from hapnet.ext.many.shared import Seat
 from hapnet.param_sources import RULE
 from hapnet.params import Params
@@ -27,15 +30,17 @@ hold: a block of 0.2 kg at up to 1.6 m/s with the admission for one hand, at 0.7
 def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Setup]:
     """The setups of the edges of one world. Raises InvalidParameter: the world has no room for its hands."""
     made: list[Setup] = []
-    for edge in edges:
+    scenes: list[World] = []
+    for number, edge in enumerate(edges):
         with about(f"edges.{edge.name}"):
             params = change(graph.pair(edge))
             if len(edges) > 1:
                 params = params.set({name: value for name, value in ADMISSION.items() if not params.asked(name)}, RULE)
             setup = prepare(params, "sampled")
-        if len(edges) > 1 or edge.at:
+        if len(edges) > 1 or edge.at or edge.proxy:
+            scenes = seats_in_model(setup, edges) if not number else scenes
             world = made[0].scene if made else setup.scene
-            setup = replace(setup, scene=_scene_of(edge, world, len(edges)))
+            setup = replace(setup, scene=scenes[number] if scenes else _scene_of(edge, world, len(edges)))
         _give_rights(edge, setup.scene)
         made.append(setup)
     return made
@@ -44,7 +49,8 @@ def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Se
 def _give_rights(edge: Edge, scene: World) -> None:
     if edge.rights == WATCH:
         if not isinstance(scene, Seat):
-            allowed = f"left out in the scene {scene.name}: each hand has its walls for itself"
+            why = "a hand holds its proxy" if isinstance(scene, JointSeat) else "each hand has its walls for itself"
+            allowed = f"left out in the scene {scene.name}: {why}"
             raise InvalidParameter(f"edges.{edge.name}.rights", edge.rights, allowed)
         scene.may_touch = False
 
@@ -56,6 +62,9 @@ def warnings_of(setups: Iterable[Setup]) -> tuple[str, ...]:
 
 def _scene_of(edge: Edge, world: World, hands: int) -> World:
     """The world for one of its hands. Raises InvalidParameter: the world has no room for it there."""
+    if edge.proxy:
+        allowed = "left out: only the bodies of a MuJoCo model are proxies"
+        raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, allowed)
     if edge.at and len(edge.at) != world.dof:
         raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), f"{world.dof} lengths, one for each axis")
     try:
@@ -65,7 +74,10 @@ def _scene_of(edge: Edge, world: World, hands: int) -> World:
     except InvalidParameter as error:
         raise error.renamed(f"edges.{edge.name}.at: {error.name}") from error
     if scene is None:
-        allowed = "one edge without `at`: walls and shared:block have room for several hands, if no robot follows"
+        allowed = (
+            "one edge without `at`: walls, shared:block and MuJoCo's models have room for several hands, if no robot "
+            "follows"
+        )
         raise InvalidParameter(f"nodes.{edge.world}: scene {world.name}", f"{hands} edges", allowed)
     return scene
 
@@ -73,14 +85,14 @@ def _scene_of(edge: Edge, world: World, hands: int) -> World:
 class JointSteps:
     """Solves the contacts of all hands before the hands' sides make their steps, and counts the step afterwards.
 
-    sides : of one world, each with its session. Among walls, without shared blocks, each hand is alone, and nothing is
-    left to do.
+    sides : of one world, each with its session. Among walls, without bodies that they share, each hand is alone, and
+    nothing is left to do.
 
     A hand whose device has left, or has been silent for `world.silence_after_s`, touches nothing until it is back.
     """
 
     def __init__(self, sides: Sequence[tuple[WorldSide, Session]]) -> None:
-        self._seats = [(side, session, side.scene) for side, session in sides if isinstance(side.scene, Seat)]
+        self._seats = [(side, session, side.scene) for side, session in sides if isinstance(side.scene, JointSeat)]
         shared = self._seats[0][2].shared if self._seats else None
         self._shared = None if shared is None or len(shared.seats) == 1 else shared
 
@@ -88,12 +100,13 @@ class JointSteps:
         """Solve the step that ends at `now_ns` for all hands whose control has started."""
         if self._shared is None:
             return
-        dt, moving = 0.0, {}
+        dt, moving = 0.0, dict[JointSeat, Vector]()
         for side, session, seat in self._seats:
             if side.origin_ns is not None and not side.paused:
                 dt = (now_ns - side.stepped.began_ns) * NANO
                 is_heard = session.peer is not None and not session.monitor.is_silent(now_ns)
                 seat.is_here = seat.may_touch and is_heard
+                side.mass.limit_energy(side.coupling.account)
                 moving[seat] = side.coupling.set_position
         if moving:
             self._shared.begin_step(dt, moving)

@@ -19,7 +19,7 @@ from hapnet.assembly.build import Setup
 from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.many.graph import RIGHTS, TOUCH
 from hapnet.ext.many.hands import JointSteps
-from hapnet.ext.many.shared import Seat
+from hapnet.ext.many.joint import JointSeat
 from hapnet.realtime.controllers import UNPAIRED_STEP_NS, ThreadedWorld
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.servo import Stepper
@@ -164,9 +164,9 @@ class SeatedWorld:
 
     @property
     def environment(self) -> dict[str, float] | None:
-        """The account of the shared blocks, with all hands; None: there is one hand, or each is alone among walls."""
+        """The account of the shared bodies, with all hands; None: there is one hand, or each is alone among walls."""
         seat = next(iter(self.sides.values())).setup.scene
-        return seat.shared.as_dict() if isinstance(seat, Seat) and len(self.sides) > 1 else None
+        return seat.shared.as_dict() if isinstance(seat, JointSeat) and len(self.sides) > 1 else None
 
 
 async def _set_after(stop: asyncio.Event, own: asyncio.Event) -> None:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.blocks import Block, Blocks, Free
+from hapnet.ext.many.joint import JointSeat, JointWorld
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.properties import Properties, kind_of
 from hapnet.ext.solids.rigid import parts_in
@@ -28,12 +29,9 @@ from hapnet.ext.solids.shapes import Cuboid
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
 from hapnet.plant.integrator import OWN, PassiveIntegrator, drive, factored, solve
-from hapnet.plant.worlds.account import EnvironmentAccount, settle
 from hapnet.plant.worlds.picture import GREY, Part, Touch, at_rest, shared
-from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
-from hapnet.records.vectors import added
 
 WORD = "shared"
 FIRST_WORDS = (f"{WORD}:block",)
@@ -48,24 +46,20 @@ _SIZE_M = 0.06
 _STEP_M = 5e-4
 
 
-class SharedWorld:
+class SharedWorld(JointWorld):
     """The blocks, the seats of the hands, and one environment account for all hands."""
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
-        self.seats: list[Seat] = []
-        self.account = EnvironmentAccount(_All(self), ())
-        """The account of the whole world since its start."""
         self._answers: dict[int, Vector] = {}
+        super().__init__(blocks.n)
 
-    def begin_step(self, dt: float, set_positions: Mapping[Seat, Vector]) -> None:
-        """Solve a step of `dt` seconds for all hands together; each seat's proxy then moves in its own side's step.
-
-        set_positions : of the seats that take part, ybar (n,) [m]. A hand that is not here touches nothing.
-        """
+    def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
         free: dict[int, Free] = {}
         self._answers = {}
         for seat, ybar in set_positions.items():
+            if not isinstance(seat, Seat):
+                continue
             if not seat.is_here:
                 self.blocks.let_go(seat.number)
                 self._answers[seat.number] = (0.0,) * seat.dof
@@ -89,49 +83,29 @@ class SharedWorld:
         resistance = tuple([1.0 / inverse(unit)[k] for k, unit in enumerate(units)])
         return self.blocks.solve(dt, {seat.number: Free(seat.in_world(position), velocity, resistance)})[seat.number]
 
-    def end_step(self) -> None:
-        """Count a step that was begun for all hands together in all accounts."""
-        stored, work = self.stored_J, added([seat.work for seat in self.seats])
-        settle(self.account, work, stored, 0.0)
-        for seat in self.seats:
-            if seat.joint is not None:
-                settle(seat.joint, work - seat.joint.before_J, stored, 0.0)
-
-    def as_dict(self) -> dict[str, float]:
-        """Its account for a summary [J]."""
-        account, work = self.account, added([seat.work for seat in self.seats])
-        return {"env_slack_J": account.slack_min, "env_stored_J": account.stored_J, "work_J": work}
-
     @property
     def stored_J(self) -> float:
         """The energy in all motion and all springs."""
-        return self.blocks.stored_J({seat.number: seat.in_world(seat.mass.x) for seat in self.seats})
+        seats = [seat for seat in self.seats if isinstance(seat, Seat)]
+        return self.blocks.stored_J({seat.number: seat.in_world(seat.mass.x) for seat in seats})
 
 
-class Seat(WorldDefaults):
-    """The world as one hand has it.
+class Seat(JointSeat):
+    """The blocks as one hand has them. mass : its proxy.
 
     at : where its device's origin is in the world (n,) [m]. All other positions are the device's.
-
-    Attributes: number, its number in the world; may_touch, whether its hand may act on the blocks, and is_here, whether
-    it does; work, what the blocks have put in at its proxy so far [J]; mass, the proxy; joint, its account of the whole
-    world (None: it is alone).
     """
 
-    moves_proxy = True
-    """Only with a spring at the world is the proxy's step known before its contacts act."""
+    shared: SharedWorld
 
     def __init__(self, shared: SharedWorld, name: str, min_s: float, max_s: float, at: Vector = ()) -> None:
+        super().__init__(0)
         self.shared, self.name, self.dof = shared, name, shared.blocks.n
         self.at = at or (0.0,) * self.dof
         self._steps = Scene(name, self.dof, (), min_s, max_s)
         self.start: Vector = self._steps.start
         self.contacts = _Around(self)
         self.mass = PassiveIntegrator(1.0, 1.0, 1.0, self.start)
-        self.number = 0
-        self.may_touch = self.is_here = True
-        self.work = 0.0
-        self.joint: _JointAccount | None = None
 
     def for_hand_at(self, at: Vector) -> Seat:
         return Seat(self.shared, self.name, self._steps.min_s, self._steps.max_s, at)
@@ -153,12 +127,6 @@ class Seat(WorldDefaults):
             self.number = len(self.shared.seats)
             self.shared.seats.append(self)
         return self.mass
-
-    def environment_account(self, contacts: Surroundings, position: Vector) -> EnvironmentAccount:
-        if len(self.shared.seats) == 1:
-            return EnvironmentAccount(contacts, position)
-        self.joint = _JointAccount(self, position)
-        return self.joint
 
     def next_step_s(self, rng: np.random.Generator) -> float:
         """T_k [s], drawn uniformly. In real time a step lasts longer if its computation does."""
@@ -213,41 +181,6 @@ class _Around(Surroundings):
         return max(0.0, -self.clearance(position))
 
 
-class _All(Surroundings):
-    """The whole world, for its account."""
-
-    def __init__(self, shared: SharedWorld) -> None:
-        self._shared = shared
-
-    @property
-    def dof(self) -> int:
-        return self._shared.blocks.n
-
-    def solve(
-        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
-    ) -> tuple[Vector, list[float]]:
-        raise NotImplementedError("each seat has surroundings of its own")
-
-    def stored_J(self, position: Sequence[float]) -> float:
-        return self._shared.stored_J
-
-
-class _JointAccount(EnvironmentAccount):
-    """The account of the whole world since this seat began: no single hand has one of its own.
-
-    before_J : the work of all hands before that.
-    """
-
-    def __init__(self, seat: Seat, position: Sequence[float]) -> None:
-        super().__init__(seat.contacts, position)
-        self._seat = seat
-        self.before_J = added(one.work for one in seat.shared.seats)
-
-    def observe(self, work: float, position: Sequence[float]) -> None:
-        """Note this hand's work; the step is counted when all hands have made it (`SharedWorld.end_step`)."""
-        self._seat.work = work
-
-
 class _SharedPicture:
     """The blocks, and the proxies of the other hands as small cubes."""
 
@@ -261,7 +194,7 @@ class _SharedPicture:
 
     @property
     def _others(self) -> list[Seat]:
-        return [one for one in self._seat.shared.seats if one is not self._seat]
+        return [one for one in self._seat.shared.seats if isinstance(one, Seat) and one is not self._seat]
 
     def poses(self) -> Array:
         places = [*self._seat.shared.blocks.x, *(one.in_world(one.mass.x) for one in self._others)]

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
-from hapnet.ext.many.shared import Seat
+from hapnet.ext.many.joint import JointSeat
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.result import Result
 from hapnet.summary.run import Summary
@@ -56,7 +56,7 @@ def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
         "ledger_sent_J": sum(end.coupling.ledger.sent for end in ends),
     }
     seat = pairs[0].world.scene
-    if kind == "world" and isinstance(seat, Seat) and len(pairs) > 1:
+    if kind == "world" and isinstance(seat, JointSeat) and len(pairs) > 1:
         node["environment"] = seat.shared.as_dict()
     return node
 
@@ -95,13 +95,13 @@ def show_verdict(words: Console, verdict: Mapping[str, Any]) -> None:
 
 
 def environment_line(name: str, hands: int, own: Mapping[str, float] | None) -> str | None:
-    """A line about the account of a world's blocks; None: it has none."""
+    """A line about the account of a world's bodies; None: it has none."""
     if own is None:
         return None
     balance = own["env_slack_J"]
     gave = "nothing of their own" if balance >= -1e-9 else f"{-1e3 * balance:.3g} mJ of their own"
     held = f"{1e3 * own['env_stored_J']:.3g} mJ"
-    return f"{name}: one account for {hands} hands; its blocks gave out {gave}, and hold {held}"
+    return f"{name}: one account for {hands} hands; its bodies gave out {gave}, and hold {held}"
 
 
 def pairs_table(pairs: Mapping[str, Summary]) -> Table:

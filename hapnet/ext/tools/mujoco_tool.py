@@ -7,6 +7,7 @@ that force times the displacement of the coordinates, whatever the engine did.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine_world import EngineWorld
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
-from hapnet.ext.engines.mujoco_model import MOST_LIFTS, MujocoModel, add_free_body, asked, load, raised
+from hapnet.ext.engines.mujoco_model import MOST_LIFTS, Held, MujocoModel, add_free_body, asked, load, raised
 from hapnet.ext.engines.mujoco_planes import NearGeom, SpherePlanes
 from hapnet.ext.tools.contacts import different, rigid_plane
 from hapnet.ext.tools.tool import Tool
@@ -50,8 +51,8 @@ class MujocoToolEngine(MujocoEngine):
         self._home = np.zeros(3)
         super().__init__(scene, AXES)
 
-    def _load(self, scene: str, mass: float) -> MujocoModel:
-        found = load(scene, DOF, mass, partial(_add_tool, self._tool, mass))
+    def _load(self, scene: str, mass: float, held: Sequence[Held]) -> tuple[MujocoModel, ...]:
+        (found,) = load(scene, DOF, mass, [Held()], partial(_add_tool, self._tool, mass))
         self._place = int(found.model.jnt_qposadr[found.model.body_jntadr[found.body]])
         start = found.data.qpos[self._place : self._place + 7]
         start[:3], start[3:] = asked(scene).at or (0.0, 0.0, 0.0), _STILL
@@ -63,7 +64,7 @@ class MujocoToolEngine(MujocoEngine):
         if not raised(found.engine, found.model, found.data, found.body, lift, tries):
             raise InvalidParameter("scene", scene, "a model with room for the tool, or ?at=X,Y,Z [m] where it is free")
         self._home = np.array(start[:3])
-        return found
+        return (found,)
 
     def _planes_of(self, found: MujocoModel, everything: bool) -> SpherePlanes:
         return ToolPlanes(found, everything=everything)

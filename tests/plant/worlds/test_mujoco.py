@@ -272,7 +272,7 @@ def test_an_integrator_that_is_not_passive_is_told(integrator: str, tmp_path: Pa
         ("mujoco:{}?size=3", "mujoco:FILE.xml"),
         ("mujoco:{}?at=1,2", "mujoco:FILE.xml"),
         ("mujoco:{}?radius=-1", "a positive number"),
-        ("mujoco:{}?proxy=nobody", "the name of a body or site of the model (bodies: door)"),
+        ("mujoco:{}?proxy=nobody", "a body or site of the model, not nobody (bodies: door; sites: handle)"),
         ("mujoco:{}?proxy=world", "a body that can move"),
         ("mujoco:{}?proxy=door&at=0,0,0", "either proxy=NAME"),
         ("mujoco:" + __file__, "a model that MuJoCo can load"),

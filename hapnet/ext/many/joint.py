@@ -1,0 +1,131 @@
+"""A world whose bodies several hands move: one step for all of them, a seat for each, and one environment account.
+
+One hand may get what another has put in. So no single hand has an account of the bodies: the account has the work of
+all hands together.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+
+from hapnet.checks import Vector
+from hapnet.mechanics.contacts import Inverse, Observed, Surroundings
+from hapnet.plant.worlds.account import EnvironmentAccount, settle
+from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.records.vectors import added
+
+
+class JointWorld(ABC):
+    """The bodies of a world, and the seats of its hands.
+
+    Attributes: seats, in the order of their numbers; account, of the whole world since its start.
+    """
+
+    def __init__(self, dof: int) -> None:
+        self.seats: list[JointSeat] = []
+        self.account = EnvironmentAccount(_All(self, dof), ())
+
+    @property
+    @abstractmethod
+    def stored_J(self) -> float:
+        """The energy in all motion and all springs."""
+
+    @property
+    def supplied_J(self) -> float:
+        """The work of the world's motors [J]."""
+        return 0.0
+
+    @property
+    def observed(self) -> Observed | None:
+        """The account of its observer; None: its bodies are passive by design."""
+        return None
+
+    @abstractmethod
+    def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
+        """Solve a step of `dt` seconds for all hands together; each seat's proxy then moves in its own side's step.
+
+        set_positions : of the seats that take part, ybar (n,) [m]. A hand that is not here (`JointSeat.is_here`) acts
+        on nothing.
+        """
+
+    def end_step(self) -> None:
+        """Count a step that was begun for all hands together in all accounts."""
+        stored, work, supplied = self.stored_J, added([seat.work for seat in self.seats]), self.supplied_J
+        settle(self.account, work, stored, supplied)
+        for seat in self.seats:
+            if seat.joint is not None:
+                settle(seat.joint, work - seat.joint.before_J, stored, supplied)
+
+    def as_dict(self) -> dict[str, float]:
+        """Its account for a summary [J]."""
+        account, work = self.account, added([seat.work for seat in self.seats])
+        found = {"env_slack_J": account.slack_min, "env_stored_J": account.stored_J, "work_J": work}
+        if (observed := self.observed) is not None:
+            found |= {"env_given_J": observed.given_J, "env_paid_J": observed.paid_J}
+        return found
+
+
+class JointSeat(WorldDefaults):
+    """The world as one hand has it.
+
+    shared : the world of all hands. number : of the hand. contacts : its surroundings, with this hand's work.
+
+    Attributes: may_touch, whether its hand may act on the bodies, and is_here, whether it does; work, what the bodies
+    have put in at its proxy so far [J]; joint, its account of the whole world (None: it is alone).
+    """
+
+    shared: JointWorld
+    moves_proxy = True
+    """Only with a spring at the world is the proxy's step known before all hands' contacts act."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.may_touch = self.is_here = True
+        self.work = 0.0
+        self.joint: _JointAccount | None = None
+
+    def environment_account(self, contacts: Surroundings, position: Vector) -> EnvironmentAccount:
+        if len(self.shared.seats) == 1:
+            return EnvironmentAccount(contacts, position)
+        self.joint = _JointAccount(self, contacts, position)
+        return self.joint
+
+
+class _All(Surroundings):
+    """The whole world, for its account."""
+
+    def __init__(self, shared: JointWorld, dof: int) -> None:
+        self._shared, self._dof = shared, dof
+
+    @property
+    def dof(self) -> int:
+        return self._dof
+
+    def solve(
+        self, dt: float, position: Sequence[float], velocity: list[float], inverse: Inverse
+    ) -> tuple[Vector, list[float]]:
+        raise NotImplementedError("each seat has surroundings of its own")
+
+    def stored_J(self, position: Sequence[float]) -> float:
+        return self._shared.stored_J
+
+    @property
+    def supplied_J(self) -> float:
+        return self._shared.supplied_J
+
+
+class _JointAccount(EnvironmentAccount):
+    """The account of the whole world since this seat began: no single hand has one of its own.
+
+    before_J : the work of all hands before that.
+    """
+
+    def __init__(self, seat: JointSeat, contacts: Surroundings, position: Sequence[float]) -> None:
+        super().__init__(contacts, position)
+        self._seat = seat
+        self.before_J = added(one.work for one in seat.shared.seats)
+
+    def observe(self, work: float, position: Sequence[float]) -> None:
+        """Note this hand's work; the step is counted when all hands have made it (`JointWorld.end_step`)."""
+        self._seat.work = work
