@@ -33,6 +33,7 @@ at = [0.06, 0, 0]
 NODES, _, _ = GOOD.partition("[[edges]]")
 SHARED = "shared:block?mass=0.2&at=0,0,0"
 NO_ROOM = "have room for several hands"
+BOX = "mujoco:examples/graphs/carried_box.xml"
 MANY = "".join(f'[nodes.n{k}]\nkind = "device"\n[[edges]]\nfrom = "n{k}"\nto = "table"\n' for k in range(63))
 
 
@@ -108,7 +109,51 @@ BAD = {
     ),
     "inside by default": (changed("at = [-0.06, 0, 0]\n", ""), ["edges.alice-table.at", "a place outside the blocks"]),
     "soft": (one_hand("soft:organ?nodes=300"), ["nodes.table", "'2 edges'", NO_ROOM]),
-    "mujoco": (one_hand("mujoco:examples/dominoes.xml"), ["nodes.table", "'2 edges'", NO_ROOM]),
+    "mujoco: more hands than proxies": (
+        one_hand(f"{BOX}?proxy=left"),
+        ["nodes.table: scene mujoco is '2 edges'", "allowed: 1 to 1 edges", "left"],
+    ),
+    "mujoco: the same proxy twice": (
+        one_hand(BOX).replace('to = "table"', 'to = "table"\nproxy = "left"'),
+        ["edges.bob-table.proxy is 'left'", "no other hand holds", "alice-table holds it"],
+    ),
+    "mujoco: the same proxy twice in the scene": (
+        one_hand(f"{BOX}?proxy=left,left"),
+        ["scene", "?proxy=left,left", "different names"],
+    ),
+    "mujoco: an unknown proxy": (
+        one_hand(BOX).replace('to = "table"', 'to = "table"\nproxy = "lift"', 1),
+        ["edges.alice-table.proxy 'lift'", "did you mean left?"],
+    ),
+    "mujoco: a proxy far from any name": (
+        one_hand(BOX).replace('to = "table"', 'to = "table"\nproxy = "zzz"', 1),
+        ["edges.alice-table.proxy is 'zzz'", "allowed: a body or site of the model: box, left, right"],
+    ),
+    "mujoco: a proxy that the scene does not name": (
+        one_hand(f"{BOX}?proxy=left,right").replace('to = "table"', 'to = "table"\nproxy = "box"', 1),
+        ["edges.alice-table.proxy is 'box'", "one of the scene's proxies: left, right"],
+    ),
+    "mujoco: a place of a named proxy": (
+        changed(SHARED, f"{BOX}?proxy=left,right"),
+        ["edges.alice-table.at [-0.06, 0.0, 0.0]: ", "leave `at` out"],
+    ),
+    "mujoco: axes of at": (
+        changed(SHARED, BOX).replace("dof = 3", "dof = 2"),
+        ["edges.alice-table.at is [-0.06, 0.0, 0.0]", "2 lengths"],
+    ),
+    "mujoco: rights": (
+        one_hand(f"{BOX}?proxy=left,right").replace('to = "table"', 'to = "table"\nrights = "watch"', 1),
+        ["edges.alice-table.rights is 'watch'", "left out", "a hand holds its proxy"],
+    ),
+    "proxy among blocks": (
+        changed('link = "lan"', 'proxy = "left"'),
+        ["edges.alice-table.proxy left: ", "is no MuJoCo model"],
+    ),
+    "proxy in a list": (changed('link = "lan"', "proxy = []"), ["edges[0].proxy is []", "the name of a body or site"]),
+    "no name of a proxy": (
+        changed('link = "lan"', 'proxy = ""'),
+        ["edges[0].proxy is ''", "the name of a body or site"],
+    ),
     "tool": (one_hand("tool:box", 6), ["nodes.table: scene tool:box is '2 edges'", NO_ROOM]),
     "follower": (
         changed("dof = 3", 'dof = 3\nfollower.robot = "simulated"'),
@@ -157,8 +202,8 @@ NEEDS = {"mujoco": "mujoco", "soft": "scipy"}
 def test_a_wrong_entry_is_answered_in_one_line(
     wrong: str, command: tuple[str, ...], empty_directory: Path, capsys: Capture
 ) -> None:
-    if wrong in NEEDS:
-        pytest.importorskip(NEEDS[wrong])
+    if (needed := NEEDS.get(wrong.partition(":")[0])) is not None:
+        pytest.importorskip(needed)
     text, says = BAD[wrong]
     (empty_directory / "examples").symlink_to(ROOT / "examples")
     (empty_directory / "g.toml").write_text(text, "utf-8")

@@ -13,6 +13,7 @@ from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.run import GraphSimulation
 from hapnet.ext.many.shared import Seat
 from hapnet.recording.samples import Recording
+from tests.conftest import ROOT
 
 LINKS = {"up": "delay 40ms 10ms loss 2%", "down": "delay 20ms 5ms loss 5%"}
 
@@ -33,9 +34,16 @@ def both(scene: str, operator: str, dof: int) -> tuple[Recording, Recording]:
 
 @pytest.mark.parametrize(
     ("scene", "operator", "dof"),
-    [("wall", "press", 1), ("shared:block?mass=0.2", "press", 3), ("shared:block?mass=0.5", "sine", 2)],
+    [
+        ("wall", "press", 1),
+        ("shared:block?mass=0.2", "press", 3),
+        ("shared:block?mass=0.5", "sine", 2),
+        (f"mujoco:{ROOT / 'examples' / 'graphs' / 'carried_box.xml'}?proxy=left,right", "press", 3),
+    ],
 )
 def test_a_graph_of_one_edge_is_a_run_of_one_pair(scene: str, operator: str, dof: int) -> None:
+    if scene.startswith("mujoco:"):
+        pytest.importorskip("mujoco")
     ours, theirs = both(scene, operator, dof)
     for one, other in ((ours.device, theirs.device), (ours.world, theirs.world)):
         assert one is not None

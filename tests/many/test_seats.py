@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from hapnet.transport.config import free_address
+from tests.conftest import ROOT
 from tests.support.processes import Program, started
 
 SCENE = ("--scene", "shared:block?mass=0.2&at=60mm,0,0")
@@ -70,6 +71,21 @@ def test_a_graph_runs_on_this_machine(lab: Path) -> None:
         assert (
             edge["motion"]["peak_force_N"] > deep_N
         )  # the block is between the hands: each feels the other through it
+
+
+def test_two_hands_hold_a_box_of_mujoco_on_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(ROOT)  # the graph names its model from there
+    graph = "examples/graphs/carried_box.toml"
+    with started("run", "--graph", graph, "--duration", "3", "--no-files", "--json", "-") as run:
+        found = run.summary()
+    assert found["verdict"]["passive"] is True
+    assert found["nodes"]["table"]["environment"]["env_slack_J"] >= -1e-9
+    for name in ("alice-table", "bob-table"):
+        edge = found["edges"][name]
+        assert edge["theorem"]["margin_J"] >= -1e-9
+        assert edge["energy"]["up"]["credited_nJ"] <= edge["energy"]["up"]["sent_nJ"]
+        assert edge["motion"]["peak_force_N"] > 0.3  # more than free motion: the box is between the pads
 
 
 def device(lab: Path, name: str, address: str) -> Program:

@@ -25,16 +25,16 @@ from hapnet.checks import Array, Vector
 from hapnet.ext.engines.engine_account import EngineAccount
 from hapnet.ext.engines.engine_world import MAX_S, PAID, EngineMass, matrix_of
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
-from hapnet.ext.engines.mujoco_model import Held
+from hapnet.ext.engines.mujoco_model import HandProxy
 from hapnet.ext.engines.mujoco_proxy import lightness
 from hapnet.mechanics.contacts import Step
-from hapnet.records.vectors import inner
+from hapnet.records.vectors import added, inner
 
 
 class MujocoHands(MujocoEngine):
     """The model that `scene` names, with the proxies of several hands: their coordinates are one vector."""
 
-    def __init__(self, scene: str, dof: int, held: Sequence[Held]) -> None:
+    def __init__(self, scene: str, dof: int, held: Sequence[HandProxy]) -> None:
         super().__init__(scene, dof, held)
         self._are_spheres = all(proxy.is_sphere for proxy in self.proxies)
 
@@ -105,7 +105,7 @@ class HandsAccount(EngineAccount):
             force = _joined([none if k in cut else self.of(k, force) for k in range(self.hands)])
             self._return(at_rest=False)
             moved, supplied = self._advance("substep", h, force)
-        applied, _ = self._entered(h, force, sum(works), supplied, inf)
+        applied, _ = self._entered(h, force, added(works), supplied, inf)
         return applied, works if applied is force else [0.0] * self.hands
 
 
@@ -156,7 +156,9 @@ class HandsMass(EngineMass):
         for _ in range(count):
             before = account.velocity
             left = [all_J - done for all_J, done in zip(most, work, strict=True)]
-            applied, done = account.joint_substep(h, self._demand(h, gains, goal), left)
+            asked = self._demand(h, gains, goal)
+            force = _joined([account.of(k, asked) if k in self._acting else (0.0,) * n for k in hands])
+            applied, done = account.joint_substep(h, force, left)
             self._note(h, before, applied)
             work, total = list(map(add, work, done)), list(map(add, total, applied))
         mean = tuple([f / count for f in total])
@@ -176,7 +178,8 @@ class HandsMass(EngineMass):
 
 
 class Aim(NamedTuple):
-    """What a hand brings to a step: ybar (n,) [m], the energy in its reservoir [J], and whether it holds its proxy."""
+    """A hand's part in a step. set_position : ybar (n,) [m]. available_J : the energy in its reservoir. acts : whether
+    it holds its proxy."""
 
     set_position: Vector
     available_J: float

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Array, Signal, Vector
 from hapnet.ext.engines.engine import Engine
 from hapnet.ext.engines.engine_world import EngineWorld
-from hapnet.ext.engines.mujoco_model import PREFIX, Held, MujocoModel, asked, held_first, load, warnings
+from hapnet.ext.engines.mujoco_model import PREFIX, HandProxy, MujocoModel, asked, held_first, load, warnings
 from hapnet.ext.engines.mujoco_picture import ModelPicture
 from hapnet.ext.engines.mujoco_planes import SpherePlanes
 from hapnet.ext.engines.mujoco_proxy import MujocoProxy
@@ -62,7 +62,7 @@ class MujocoEngine(Engine):
     Raises InvalidParameter.
     """
 
-    def __init__(self, scene: str, dof: int, held: Sequence[Held] = ()) -> None:
+    def __init__(self, scene: str, dof: int, held: Sequence[HandProxy] = ()) -> None:
         self.dof: int = dof
         self.scene: str = scene
         all_found = self._load(scene, _SMALLEST_MASS, held or (held_first(scene),))
@@ -88,7 +88,7 @@ class MujocoEngine(Engine):
             planes = self._planes_of(found, reported == "all")
             self._planes = planes if planes.any_fits else None
 
-    def _load(self, scene: str, mass: float, held: Sequence[Held]) -> tuple[MujocoModel, ...]:
+    def _load(self, scene: str, mass: float, held: Sequence[HandProxy]) -> tuple[MujocoModel, ...]:
         return load(scene, self.dof, mass, held)
 
     def _planes_of(self, found: MujocoModel, everything: bool) -> SpherePlanes:

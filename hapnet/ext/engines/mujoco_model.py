@@ -58,7 +58,7 @@ class Asked(NamedTuple):
     ctrl: tuple[float, ...]
 
 
-class Held(NamedTuple):
+class HandProxy(NamedTuple):
     """A hand's proxy: the body or site of this name; or, without a name, a sphere that begins `at` a place [m], or at a
     free place above the origin."""
 
@@ -80,6 +80,12 @@ class MujocoModel(NamedTuple):
     geoms: frozenset[int]
     key: int
     overlaps: tuple[str, ...]
+
+    def names(self) -> list[str]:
+        """The names of the model's own bodies and sites."""
+        model = self.model
+        found = [model.body(i).name for i in range(1, model.nbody)] + [model.site(i).name for i in range(model.nsite)]
+        return [name for name in found if name and not name.startswith(_PREFIX)]
 
 
 def asked(scene: str) -> Asked:
@@ -105,10 +111,10 @@ def asked(scene: str) -> Asked:
     return Asked(file, proxies, at, radius, planes, options.get("key", ""), ctrl)
 
 
-def held_first(scene: str) -> Held:
+def held_first(scene: str) -> HandProxy:
     """The proxy of a single hand in the model that `scene` names."""
     want = asked(scene)
-    return Held(want.proxies[0]) if want.proxies else Held(at=want.at)
+    return HandProxy(want.proxies[0]) if want.proxies else HandProxy(at=want.at)
 
 
 def _numbers(text: str) -> tuple[float, ...]:
@@ -116,7 +122,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def load(
-    scene: str, dof: int, mass: float, hands: Sequence[Held], add: Callable[[Any, Any], None] | None = None
+    scene: str, dof: int, mass: float, hands: Sequence[HandProxy], add: Callable[[Any, Any], None] | None = None
 ) -> tuple[MujocoModel, ...]:
     """The model that `scene` names, once with each hand's proxy; the spheres weigh `mass` [kg], and move on `dof` axes.
 
@@ -211,7 +217,7 @@ def _weigh(engine: Any, model: Any, total: float, hands: int) -> None:
 
 
 def _with_proxies(
-    engine: Any, model: Any, data: Any, scene: str, hands: Sequence[Held], dof: int, *, lifts: bool
+    engine: Any, model: Any, data: Any, scene: str, hands: Sequence[HandProxy], dof: int, *, lifts: bool
 ) -> tuple[MujocoModel, ...]:
     want, parts = asked(scene), [_parts(engine, model, scene, held, k, dof) for k, held in enumerate(hands)]
     key = _begin(engine, model, data, scene, want, [joint for _, _, dofs in parts for joint in dofs])
@@ -231,7 +237,9 @@ def _with_proxies(
     )
 
 
-def _parts(engine: Any, model: Any, scene: str, held: Held, number: int, dof: int) -> tuple[int, int, tuple[int, ...]]:
+def _parts(
+    engine: Any, model: Any, scene: str, held: HandProxy, number: int, dof: int
+) -> tuple[int, int, tuple[int, ...]]:
     """Body, site and slide joints of a hand's proxy, as in `MujocoModel`."""
     kinds, site = engine.mjtObj, -1
     if not held.name:

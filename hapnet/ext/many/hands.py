@@ -63,8 +63,8 @@ def warnings_of(setups: Iterable[Setup]) -> tuple[str, ...]:
 def _scene_of(edge: Edge, world: World, hands: int) -> World:
     """The world for one of its hands. Raises InvalidParameter: the world has no room for it there."""
     if edge.proxy:
-        allowed = "left out: only the bodies of a MuJoCo model are proxies"
-        raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, allowed)
+        why = f"the scene {world.name} is no MuJoCo model, whose bodies are proxies; leave `proxy` out"
+        raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, "", why=why)
     if edge.at and len(edge.at) != world.dof:
         raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), f"{world.dof} lengths, one for each axis")
     try:

@@ -23,7 +23,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineWorld, free_towards
 from hapnet.ext.engines.joint import Aim, HandsAccount, HandsMass, MujocoHands
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
-from hapnet.ext.engines.mujoco_model import Asked, Held, asked
+from hapnet.ext.engines.mujoco_model import Asked, HandProxy, asked
 from hapnet.ext.engines.mujoco_picture import ModelPicture
 from hapnet.ext.many.graph import Edge
 from hapnet.ext.many.joint import JointSeat, JointWorld
@@ -194,6 +194,7 @@ def seats_in_model(setup: Setup, edges: Sequence[Edge]) -> list[World]:
         return []
     want, steps = asked(engine.scene), setup.params.world
     held = _held(edges, want, engine.dof)
+    _require_names(edges, engine)
     if len(edges) == 1:
         one = MujocoEngine(engine.scene, engine.dof, held)
         single = EngineWorld(one, name=engine.scene, min_s=steps.step_min_s, max_s=steps.step_max_s)
@@ -206,18 +207,18 @@ def seats_in_model(setup: Setup, edges: Sequence[Edge]) -> list[World]:
     return [ModelSeat(shared, world.name, drawn) for _ in edges]
 
 
-def _held(edges: Sequence[Edge], want: Asked, dof: int) -> list[Held]:
-    named = {edge.proxy: edge for edge in edges if edge.proxy}
+def _held(edges: Sequence[Edge], want: Asked, dof: int) -> list[HandProxy]:
+    named: dict[str, Edge] = {}
     for edge in edges:
-        if edge.proxy and named[edge.proxy] is not edge:
+        if edge.proxy and named.setdefault(edge.proxy, edge) is not edge:
             allowed = f"a proxy that no other hand holds: {named[edge.proxy].name} holds it"
             raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, allowed)
         if edge.proxy and want.proxies and edge.proxy not in want.proxies:
             allowed = f"one of the scene's proxies: {', '.join(want.proxies)}"
             raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, allowed, want.proxies)
         if edge.at and (edge.proxy or want.proxies):
-            allowed = "left out: a hand that holds a body of the model begins where the body is"
-            raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), allowed)
+            why = "a hand that holds a body of the model begins where the body is; leave `at` out"
+            raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), "", why=why)
         if edge.at and len(edge.at) != dof:
             raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), f"{dof} lengths, one for each axis")
     if want.proxies and len(edges) > len(want.proxies):
@@ -228,8 +229,17 @@ def _held(edges: Sequence[Edge], want: Asked, dof: int) -> list[Held]:
     for edge in edges:
         name = edge.proxy or (left.pop(0) if want.proxies else "")
         at = want.at if name or not edge.at else (*edge.at, *(0.0,) * (3 - dof))
-        held.append(Held(name) if name else Held(at=at))
+        held.append(HandProxy(name) if name else HandProxy(at=at))
     return held
+
+
+def _require_names(edges: Sequence[Edge], engine: MujocoEngine) -> None:
+    """Raise InvalidParameter if the model has no body or site of the name that an edge gives."""
+    known = engine.found.names()
+    for edge in edges:
+        if edge.proxy and edge.proxy not in known:
+            allowed = f"a body or site of the model: {', '.join(known) or 'it has none with a name'}"
+            raise InvalidParameter(f"edges.{edge.name}.proxy", edge.proxy, allowed, known)
 
 
 def _require_apart(edges: Sequence[Edge], engine: MujocoHands, least_m: float) -> None:

@@ -17,7 +17,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.engines.engine_world import EngineWorld
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
-from hapnet.ext.engines.mujoco_model import MOST_LIFTS, Held, MujocoModel, add_free_body, asked, load, raised
+from hapnet.ext.engines.mujoco_model import MOST_LIFTS, HandProxy, MujocoModel, add_free_body, asked, load, raised
 from hapnet.ext.engines.mujoco_planes import NearGeom, SpherePlanes
 from hapnet.ext.tools.contacts import different, rigid_plane
 from hapnet.ext.tools.tool import Tool
@@ -51,8 +51,8 @@ class MujocoToolEngine(MujocoEngine):
         self._home = np.zeros(3)
         super().__init__(scene, AXES)
 
-    def _load(self, scene: str, mass: float, held: Sequence[Held]) -> tuple[MujocoModel, ...]:
-        (found,) = load(scene, DOF, mass, [Held()], partial(_add_tool, self._tool, mass))
+    def _load(self, scene: str, mass: float, held: Sequence[HandProxy]) -> tuple[MujocoModel, ...]:
+        (found,) = load(scene, DOF, mass, [HandProxy()], partial(_add_tool, self._tool, mass))
         self._place = int(found.model.jnt_qposadr[found.model.body_jntadr[found.body]])
         start = found.data.qpos[self._place : self._place + 7]
         start[:3], start[3:] = asked(scene).at or (0.0, 0.0, 0.0), _STILL
