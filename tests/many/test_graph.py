@@ -160,6 +160,10 @@ BAD = {
         ["nodes.table", "'2 edges'", "if no robot follows"],
     ),
     "scene": (changed("mass=0.2&", "mas=0.2&"), ["edges.alice-table: scene block", "'mas'", "did you mean mass?"]),
+    "friction": (
+        changed("mass=0.2&", "mass=0.2&friction=-1&"),
+        ["edges.alice-table: scene block", "'friction=-1'", "friction: 0 or above"],
+    ),
     **{
         law: (f'coupling = "{law}"\n' + GOOD, [f"coupling is '{law}'", "has a spring in the scene", "such as pspm"])
         for law in ("pd", "wave", "tdpa", "digital-wave")

@@ -1,9 +1,9 @@
 """Blocks that several hands push: their contacts and their motion are solved together, exactly in energy.
 
-A block is a box that translates on n axes, with a mass m, a drag b and a spring k to its home. Over a step of length T
-its mean velocity vhat obeys the midpoint rule, as the proxies do (`hapnet.plant.integrator`, (12)):
+A block is a box that translates on n axes, with a mass m, a drag b, a spring k to its home, and a weight m g. Over a
+step of length T its mean velocity vhat obeys the midpoint rule, as the proxies do (`hapnet.plant.integrator`, (12)):
 
-    a vhat = c + f,    a = 2m/T + b + k T/2,    c = 2m/T v - k (x - home)
+    a vhat = c + f,    a = 2m/T + b + k T/2,    c = 2m/T v - k (x - home) - m g
 
 All faces are perpendicular to the axes, so with a diagonal A the axes are independent, and on each of them a proxy or a
 block is a resistance a and a velocity w = c/a that it would have without contact. A contact pushes two of them apart
@@ -12,15 +12,16 @@ the minimum of a strictly convex function,
 
     sum a/2 (vhat - w)^2 + sum Phi(u),    dPhi/du = F
 
-found by a semismooth Newton method. F is the discrete gradient of the contact's potential U(p) of the depth p, and a
-damper for the part of the path that is inside, so F u T is the change of U and the loss of the damper for any T. U
-rises as K p^2/2, and beyond the force limit in a straight line: no hand pushes with more, whatever it does. So the
-blocks and the springs between all bodies give out no more energy than all hands together have put in.
+found by a semismooth Newton method (`hapnet.ext.many.balance`, with friction too). F is the discrete gradient of the
+contact's potential U(p) of the depth p, and a damper for the part of the path that is inside, so F u T is the change of
+U and the loss of the damper for any T. U rises as K p^2/2, and beyond the force limit in a straight line: no hand
+pushes with more, whatever it does. So the blocks and the springs between all bodies give out no more energy than all
+hands together have put in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -28,14 +29,8 @@ import numpy as np
 
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
+from hapnet.ext.many.balance import Contact, Firmness, Rub, balance
 from hapnet.records.vectors import inner
-
-_ROUNDS = 60
-"""The most rounds of Newton's method; 3 to 8 are usual."""
-
-_EXACT = 1e-14
-"""A residual below this share of the largest term counts as 0."""
-
 
 _NO_WAY_M = 1e-12
 """A shorter path is rounding."""
@@ -43,7 +38,8 @@ _NO_WAY_M = 1e-12
 
 class Block(NamedTuple):
     """A block. home : its centre at the start (n,) [m]. half : half of its size (n,) [m]. mass_kg, drag_Ns_m,
-    spring_N_m : m, b, k; a block of mass 0 is fixed. limit_N : the largest force between a proxy and the block."""
+    spring_N_m : m, b, k; a block of mass 0 is fixed. limit_N : the largest force between a proxy and the block.
+    friction : Coulomb's mu; between two blocks the larger one. gravity : g, against the last axis [m/s^2]."""
 
     home: Vector
     half: Vector
@@ -51,6 +47,8 @@ class Block(NamedTuple):
     drag_Ns_m: float
     spring_N_m: float
     limit_N: float = inf
+    friction: float = 0.0
+    gravity: float = 0.0
 
 
 class Free(NamedTuple):
@@ -72,15 +70,8 @@ class _Face(NamedTuple):
     from_m: float
 
 
-class _Contact(NamedTuple):
-    """A contact in a step: the numbers of both degrees of freedom, the side of the first, its depth [m], and the
-    largest force [N]."""
-
-    one: int
-    other: int
-    side: float
-    depth: float
-    limit: float
+_Pair = tuple[int, int]
+"""The numbers of a proxy or, by `_key`, a block, and of a block that it may touch."""
 
 
 class Blocks:
@@ -99,7 +90,9 @@ class Blocks:
         self.stiffness, self.damping = stiffness, damping
         self.x = [block.home for block in blocks]
         self.v = [(0.0,) * self.n for _ in blocks]
-        self._faces: dict[tuple[int, int], _Face] = {}
+        self._faces: dict[_Pair, _Face] = {}
+        self._stretches: dict[_Pair, Array] = {}
+        """The stretch of each contact's friction [m]."""
         for k, block in enumerate(self.blocks):
             for j in range(k):
                 half = _sum(block.half, self.blocks[j].half)
@@ -118,11 +111,19 @@ class Blocks:
                 here = slice(first + k * n, first + k * n + n)
                 a[here] = 2.0 * block.mass_kg / dt + block.drag_Ns_m + 0.5 * block.spring_N_m * dt
                 moved = np.subtract(self.x[k], block.home)
-                w[here] = (2.0 * block.mass_kg / dt * np.array(self.v[k]) - block.spring_N_m * moved) / a[here]
+                c = 2.0 * block.mass_kg / dt * np.array(self.v[k]) - block.spring_N_m * moved
+                c[-1] -= block.mass_kg * block.gravity
+                w[here] = c / a[here]
         contacts, faces = self._contacts({name: free.position for name, free in proxies.items()})
-        force = _balance(w, a, contacts, lambda contact, u: self._push(contact, u, dt))
+        firm = Firmness(self.stiffness, self.damping, dt)
+        rubs = self._rubs(contacts, faces)
+        force, frictions = balance(w, a, contacts, lambda contact, u: self._push(contact, u, dt), rubs, firm)
         vhat = w + force / a
-        self._faces = faces
+        self._faces, pairs = faces, list(faces)
+        self._stretches = {
+            pairs[rub.contact]: firm.stretched(rub.stretch, friction)
+            for rub, friction in zip(rubs, frictions, strict=True)
+        }
         for k, block in enumerate(self.blocks):
             if block.mass_kg:
                 mean = vhat[first + k * n : first + k * n + n].tolist()
@@ -130,7 +131,7 @@ class Blocks:
                 self.v[k] = tuple([2.0 * v - before for v, before in zip(mean, self.v[k], strict=True)])
         return {name: tuple(force[k * n : k * n + n].tolist()) for k, name in enumerate(names)}
 
-    def _contacts(self, places: Mapping[int, Vector]) -> tuple[list[_Contact], dict[tuple[int, int], _Face]]:
+    def _contacts(self, places: Mapping[int, Vector]) -> tuple[list[Contact], dict[_Pair, _Face]]:
         """The contacts that may act in a step that begins with the proxies at these places, and their faces."""
         contacts, faces, first = [], {}, len(places)
         zero = (0.0,) * self.n
@@ -148,8 +149,23 @@ class Blocks:
                     faces[key] = face
                     depth = _depth(face, place, self.x[k], both)
                     one, other = number * self.n + face.axis, (first + k) * self.n + face.axis
-                    contacts.append(_Contact(one, other, face.side, depth, inf if own >= 0 else block.limit_N))
+                    contacts.append(Contact(one, other, face.side, depth, inf if own >= 0 else block.limit_N))
         return contacts, faces
+
+    def _rubs(self, contacts: Sequence[Contact], faces: Mapping[_Pair, _Face]) -> list[Rub]:
+        """The friction of these contacts, which are in the order of their faces."""
+        found = []
+        for number, (contact, (pair, face)) in enumerate(zip(contacts, faces.items(), strict=True)):
+            own, k = _key(pair[0]), pair[1]  # own: below 0 for a proxy
+            mu = max(self.blocks[k].friction, self.blocks[own].friction if own >= 0 else 0.0)
+            if mu > 0.0 and self.n > 1:
+                across = [axis - face.axis for axis in range(self.n) if axis != face.axis]
+                ones, others = ([end + way for way in across] for end in (contact.one, contact.other))
+                before, stretch = self._faces.get(pair), self._stretches.get(pair)
+                is_same = before is not None and (before.axis, before.side) == (face.axis, face.side)
+                kept = stretch if is_same and stretch is not None else np.zeros(len(across))
+                found.append(Rub(number, mu, ones, others, kept))
+        return found
 
     def stored_J(self, places: Mapping[int, Vector]) -> float:
         """The energy of all motion and all springs, with the proxies at these places (n,) [m]."""
@@ -157,6 +173,7 @@ class Blocks:
         for block, x, v in zip(self.blocks, self.x, self.v, strict=True):
             moved = [a - b for a, b in zip(x, block.home, strict=True)]
             total += 0.5 * block.mass_kg * inner(v, v) + 0.5 * block.spring_N_m * inner(moved, moved)
+            total += block.mass_kg * block.gravity * moved[-1]
         for (name, k), face in self._faces.items():
             own = _key(name)  # below 0 for a proxy
             place = self.x[own] if own >= 0 else places.get(name)
@@ -165,6 +182,8 @@ class Blocks:
                 if _is_at(face, place, self.x[k], half):  # else the next step drops it, and its energy is lost
                     limit = inf if own >= 0 else self.blocks[k].limit_N
                     total += self._potential_J(_depth(face, place, self.x[k], half), limit)
+                    if (stretch := self._stretches.get((name, k))) is not None:
+                        total += 0.5 * self.stiffness * float(stretch @ stretch)
         return total
 
     def _potential_J(self, depth: float, limit: float) -> float:
@@ -175,7 +194,7 @@ class Blocks:
             return 0.5 * self.stiffness * depth * depth
         return limit * (depth - 0.5 * limit / self.stiffness)
 
-    def _push(self, contact: _Contact, u: float, dt: float) -> tuple[float, float]:
+    def _push(self, contact: Contact, u: float, dt: float) -> tuple[float, float]:
         """F [N] at the approach velocity `u` [m/s], and dF/du [Ns/m]. As a difference of U, the mean force over a short
         path would be lost in rounding.
         """
@@ -201,6 +220,7 @@ class Blocks:
     def let_go(self, proxy: int) -> None:
         """End all contacts of a proxy; the energy of their springs is dissipated."""
         self._faces = {key: face for key, face in self._faces.items() if key[0] != proxy}
+        self._stretches = {key: stretch for key, stretch in self._stretches.items() if key[0] != proxy}
 
     def clearance(self, place: Sequence[float]) -> float:
         """A distance from `place` (n,) [m] within which there is no block; below 0 inside a block."""
@@ -242,49 +262,3 @@ def _face(before: _Face | None, place: Vector, centre: Vector, half: Vector) -> 
     if any(gap >= 0.0 for axis, gap in enumerate(gaps) if axis != nearest):
         return None
     return _Face(nearest, 1.0 if away[nearest] >= 0.0 else -1.0, max(0.0, -gaps[nearest]))
-
-
-def _balance(
-    w: Array, a: Array, contacts: Sequence[_Contact], law: Callable[[_Contact, float], tuple[float, float]]
-) -> Array:
-    """The forces on all degrees of freedom [N], by a semismooth Newton method.
-
-    w, a : velocities without contact [m/s] and resistances [Ns/m] (infinite: it does not move). law : the force of a
-    contact and its rate, from its approach velocity [m/s].
-    """
-    force = np.zeros(len(w))
-    if not contacts:
-        return force
-    moving = sorted({k for contact in contacts for k in (contact.one, contact.other) if a[k] < inf})
-    at = {k: i for i, k in enumerate(moving)}
-    ways = np.zeros((len(contacts), len(moving)))  # of the approach: u = ways v
-    for row, contact in zip(ways, contacts, strict=True):
-        for k, way in ((contact.one, -contact.side), (contact.other, contact.side)):
-            if k in at:
-                row[at[k]] = way
-    own_w, own_a, v = w[moving], a[moving], w[moving].copy()
-
-    def pushes(velocity: Array) -> tuple[Array, Array, Array]:
-        """The forces of the contacts, their rates, and what is left of a (v - w) + ways' F = 0."""
-        rows = [law(contact, u) for contact, u in zip(contacts, (ways @ velocity).tolist(), strict=True)]
-        found = np.array([row[0] for row in rows])
-        return found, np.array([row[1] for row in rows]), own_a * (velocity - own_w) + found @ ways
-
-    found, rates, residual = pushes(v)
-    best, least = found, inf
-    for _ in range(_ROUNDS):
-        size = float(np.abs(residual).max())
-        if size < least:
-            best, least = found, size
-        if size <= _EXACT * float(np.abs(own_a * v).max() + np.abs(found).max()):
-            break
-        step = np.linalg.solve(np.diag(own_a) + (ways.T * rates) @ ways, -residual)
-        slope, length = float(residual @ step), 1.0
-        for _ in range(40):
-            found, rates, residual = pushes(v + length * step)
-            if float(residual @ step) <= -0.5 * slope:  # slope < 0: it may overshoot, but by less than it was short
-                break
-            length *= 0.5
-        v = v + length * step
-    np.add.at(force, moving, -(best @ ways))
-    return force

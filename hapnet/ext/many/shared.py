@@ -2,7 +2,7 @@
 
 Each hand has a seat: its own proxy, virtual coupling, reservoir and link. A run with one hand uses the scene as any
 other; `hapnet simulate --graph` gives each device of a graph a seat in the same world. Blocks translate, and do not
-turn. Their faces have no friction. A block of mass 0 is fixed.
+turn. A block of mass 0 is fixed.
 
 Seats get no planes of the blocks: a plane that another hand moves has moved on when it arrives. Measured with two hands
 on 0.2 kg over 40 ms, the force error was 0.09 N without planes and 0.80 N with planes that move at the block's
@@ -38,9 +38,10 @@ FIRST_WORDS = (f"{WORD}:block",)
 """First words of texts that describe such a world."""
 WORDS = (
     "mass=0.2 (kg; 0: fixed), size=60mm,60mm,60mm, at=X,Y,Z (its centre; by default 20 mm in front of the start), "
-    "drag=1 (Ns/m), spring=5 (N/m, to its place), limit=10 (N, the most with which a hand pushes it)"
+    "drag=1 (Ns/m), spring=5 (N/m, to its place), limit=10 (N, the most with which a hand pushes it), friction=0 "
+    "(Coulomb's mu), gravity=0 (m/s^2, against the last axis)"
 )
-_NUMBERS = {"mass": 0.2, "drag": 1.0, "spring": 5.0, "limit": 10.0}
+_NUMBERS = {"mass": 0.2, "drag": 1.0, "spring": 5.0, "limit": 10.0, "friction": 0.0, "gravity": 0.0}
 _FRONT_M = 0.02
 _SIZE_M = 0.06
 _STEP_M = 5e-4
@@ -261,4 +262,4 @@ def _block(text: str, n: int) -> Block:
     half = tuple([0.5 * length for length in size[:n]])
     if not values["limit"] > 0.0:
         raise properties.error("limit", "limit: above 0")
-    return Block(at[:n], half, values["mass"], values["drag"], values["spring"], values["limit"])
+    return Block(at[:n], half, *(values[key] for key in _NUMBERS))
