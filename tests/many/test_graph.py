@@ -160,6 +160,14 @@ BAD = {
         ["nodes.table", "'2 edges'", "if no robot follows"],
     ),
     "scene": (changed("mass=0.2&", "mas=0.2&"), ["edges.alice-table: scene block", "'mas'", "did you mean mass?"]),
+    "turns": (
+        changed("mass=0.2&", "mass=0.2&turns=maybe&"),
+        ["edges.alice-table: scene block", "'turns=maybe'", "turns: no, or yes with three axes"],
+    ),
+    "turns on two axes": (
+        changed("mass=0.2&", "mass=0.2&turns=yes&").replace("dof = 3", "dof = 2"),
+        ["scene block", "'turns=yes'", "with three axes"],
+    ),
     "friction": (
         changed("mass=0.2&", "mass=0.2&friction=-1&"),
         ["edges.alice-table: scene block", "'friction=-1'", "friction: 0 or above"],

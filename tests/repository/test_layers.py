@@ -79,7 +79,7 @@ ABOVE = {
 
 EQUATIONS_TOO = ("laws", "solids", "engines", "soft", "tools", "arms", "compiled")
 """The extensions that are as pure as the core below `assembly`."""
-EQUATIONS_OF_MANY = {f"hapnet/ext/many/{name}.py" for name in ("balance", "blocks", "joint", "shared")}  # no graphs
+EQUATIONS_OF_MANY = {f"hapnet/ext/many/{name}.py" for name in ("balance", "blocks", "joint", "shared", "turning")}
 
 READS_FILES = {
     "hapnet/laws.py": "a law is a file of a package",

@@ -42,25 +42,25 @@ _SETTLED = 1e-10
 """A change of the limits below this share of the largest counts as 0."""
 
 
-class Contact(NamedTuple):
-    """A contact in a step: the numbers of both degrees of freedom, the side of the first, its depth [m], and the
-    largest force [N]."""
+Row = Sequence[tuple[int, float]]
+"""A speed: numbers of degrees of freedom, each with the factor of its velocity."""
 
-    one: int
-    other: int
-    side: float
+
+class Contact(NamedTuple):
+    """A contact in a step: its approach velocity, its depth [m], and the largest force [N]."""
+
+    approach: Row
     depth: float
     limit: float
 
 
 class Rub(NamedTuple):
-    """The friction of a contact, whose number is `contact`: mu, both bodies' degrees of freedom across its normal, and
-    the stretch of its spring s [m]."""
+    """The friction of a contact, whose number is `contact`: mu, the velocity of its first body across its normal, a row
+    for each direction, and the stretch of its spring s [m]."""
 
     contact: int
     mu: float
-    ones: Sequence[int]
-    others: Sequence[int]
+    across: Sequence[Row]
     stretch: Array
 
 
@@ -90,22 +90,20 @@ class _Problem:
     def __init__(
         self, w: Array, a: Array, contacts: Sequence[Contact], law: Law, rubs: Sequence[Rub], firm: Firmness
     ) -> None:
-        touched = {k for contact in contacts for k in (contact.one, contact.other)}
-        touched |= {k for rub in rubs for k in (*rub.ones, *rub.others)}
-        self.moving = sorted(k for k in touched if a[k] < inf)
-        self.w, self.a = w[self.moving], a[self.moving]
-        self.contacts, self.law, self.rubs, self.firm = contacts, law, rubs, firm
-        ends = [(contact.one, contact.other, -contact.side) for contact in contacts]  # of the approach: u = ways v
+        rows = [contact.approach for contact in contacts]
         self.places = list[slice]()
         for rub in rubs:
-            self.places.append(slice(len(ends), len(ends) + len(rub.ones)))
-            ends += [(one, other, 1.0) for one, other in zip(rub.ones, rub.others, strict=True)]
-        self.ways = np.zeros((len(ends), len(self.moving)))
+            self.places.append(slice(len(rows), len(rows) + len(rub.across)))
+            rows += rub.across
+        self.moving = sorted({k for row in rows for k, _ in row if a[k] < inf})
+        self.w, self.a = w[self.moving], a[self.moving]
+        self.contacts, self.law, self.rubs, self.firm = contacts, law, rubs, firm
+        self.ways = np.zeros((len(rows), len(self.moving)))
         at = {k: i for i, k in enumerate(self.moving)}
-        for row, (one, other, way) in zip(self.ways, ends, strict=True):
-            for k, sign in ((one, way), (other, -way)):
+        for into, row in zip(self.ways, rows, strict=True):
+            for k, way in row:
                 if k in at:
-                    row[at[k]] = sign
+                    into[at[k]] = way
         self.limits = np.zeros(len(rubs))
 
     def forces(self, v: Array) -> tuple[Array, Array, Array]:
@@ -154,24 +152,46 @@ def _friction(rub: Rub, limit: float, u: Array, firm: Firmness) -> tuple[Array, 
     return limit * along, gain * limit / size * (np.eye(len(u)) - np.outer(along, along))
 
 
+class Balance(NamedTuple):
+    """The forces on all degrees of freedom [N], the friction of each of the `rubs` on its first body, reversed, g [N],
+    and Coulomb's limits, mu times the pushes found [N]."""
+
+    forces: Array
+    frictions: list[Array]
+    limits: Array
+
+
 def balance(
-    w: Array, a: Array, contacts: Sequence[Contact], law: Law, rubs: Sequence[Rub], firm: Firmness
-) -> tuple[Array, list[Array]]:
-    """The forces on all degrees of freedom [N], and the friction of each of `rubs` on its first body, reversed: g [N].
+    w: Array,
+    a: Array,
+    contacts: Sequence[Contact],
+    law: Law,
+    rubs: Sequence[Rub],
+    firm: Firmness,
+    given: tuple[Array, Array] | None = None,
+) -> Balance:
+    """The forces in balance.
 
     w, a : velocities without contact [m/s] and resistances [Ns/m] (infinite: it does not move). law : of the pushes.
-    firm : of all friction.
+    firm : of all friction. given : velocities to start from, and limits [N] that hold as they are; None: the limits
+    become Coulomb's.
     """
-    force = np.zeros(len(w))
+    forces = np.zeros(len(w))
     if not contacts:
-        return force, []
+        return Balance(forces, [], np.zeros(0))
     problem = _Problem(w, a, contacts, law, rubs, firm)
-    found, v = problem.solve(problem.w.copy())
-    for count in range(_LIMITS if rubs else 0):
-        limits = np.array([rub.mu * found[rub.contact] for rub in rubs])
+    if given is not None:
+        problem.limits = given[1]
+    found, v = problem.solve((w if given is None else given[0])[problem.moving])
+    for count in range(_LIMITS if rubs and given is None else 0):
+        limits = _coulomb(rubs, found)
         if float(np.abs(limits - problem.limits).max()) <= _SETTLED * float(limits.max()):
             break
         problem.limits = limits if count < _LIMITS // 2 else 0.5 * (problem.limits + limits)  # two that change places
         found, v = problem.solve(v)
-    np.add.at(force, problem.moving, -(found @ problem.ways))
-    return force, [found[place] for place in problem.places]
+    np.add.at(forces, problem.moving, -(found @ problem.ways))
+    return Balance(forces, [found[place] for place in problem.places], _coulomb(rubs, found))
+
+
+def _coulomb(rubs: Sequence[Rub], found: Array) -> Array:
+    return np.array([rub.mu * found[rub.contact] for rub in rubs])

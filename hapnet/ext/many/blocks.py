@@ -39,7 +39,8 @@ _NO_WAY_M = 1e-12
 class Block(NamedTuple):
     """A block. home : its centre at the start (n,) [m]. half : half of its size (n,) [m]. mass_kg, drag_Ns_m,
     spring_N_m : m, b, k; a block of mass 0 is fixed. limit_N : the largest force between a proxy and the block.
-    friction : Coulomb's mu; between two blocks the larger one. gravity : g, against the last axis [m/s^2]."""
+    friction : Coulomb's mu; between two blocks the larger one. gravity : g, against the last axis [m/s^2]. turns :
+    whether it turns, which needs `hapnet.ext.many.turning`."""
 
     home: Vector
     half: Vector
@@ -49,6 +50,7 @@ class Block(NamedTuple):
     limit_N: float = inf
     friction: float = 0.0
     gravity: float = 0.0
+    turns: bool = False
 
 
 class Free(NamedTuple):
@@ -60,7 +62,7 @@ class Free(NamedTuple):
     resistance: Vector
 
 
-class _Face(NamedTuple):
+class BlockFace(NamedTuple):
     """The face through which something entered a block: the axis, the side (+1 or -1), and the depth that counts as 0
     [m]. What comes in through an edge is at first too deep, and no spring may push it out with energy that nobody put
     in."""
@@ -70,8 +72,8 @@ class _Face(NamedTuple):
     from_m: float
 
 
-_Pair = tuple[int, int]
-"""The numbers of a proxy or, by `_key`, a block, and of a block that it may touch."""
+Pair = tuple[int, ...]
+"""The numbers of a proxy or, by `key_of`, a block, and of a block that it may touch; of a corner too (`turning`)."""
 
 
 class Blocks:
@@ -90,13 +92,13 @@ class Blocks:
         self.stiffness, self.damping = stiffness, damping
         self.x = [block.home for block in blocks]
         self.v = [(0.0,) * self.n for _ in blocks]
-        self._faces: dict[_Pair, _Face] = {}
-        self._stretches: dict[_Pair, Array] = {}
+        self._faces: dict[Pair, BlockFace] = {}
+        self._stretches: dict[Pair, Array] = {}
         """The stretch of each contact's friction [m]."""
         for k, block in enumerate(self.blocks):
             for j in range(k):
                 half = _sum(block.half, self.blocks[j].half)
-                if _gap(block.home, self.blocks[j].home, half) < 0.0:
+                if gap_to(block.home, self.blocks[j].home, half) < 0.0:
                     raise InvalidParameter("at", block.home, f"a place outside the block at {self.blocks[j].home} m")
 
     def solve(self, dt: float, proxies: Mapping[int, Free]) -> dict[int, Vector]:
@@ -117,7 +119,7 @@ class Blocks:
         contacts, faces = self._contacts({name: free.position for name, free in proxies.items()})
         firm = Firmness(self.stiffness, self.damping, dt)
         rubs = self._rubs(contacts, faces)
-        force, frictions = balance(w, a, contacts, lambda contact, u: self._push(contact, u, dt), rubs, firm)
+        force, frictions, _ = balance(w, a, contacts, lambda contact, u: self._push(contact, u, dt), rubs, firm)
         vhat = w + force / a
         self._faces, pairs = faces, list(faces)
         self._stretches = {
@@ -131,9 +133,9 @@ class Blocks:
                 self.v[k] = tuple([2.0 * v - before for v, before in zip(mean, self.v[k], strict=True)])
         return {name: tuple(force[k * n : k * n + n].tolist()) for k, name in enumerate(names)}
 
-    def _contacts(self, places: Mapping[int, Vector]) -> tuple[list[Contact], dict[_Pair, _Face]]:
+    def _contacts(self, places: Mapping[int, Vector]) -> tuple[list[Contact], dict[Pair, BlockFace]]:
         """The contacts that may act in a step that begins with the proxies at these places, and their faces."""
-        contacts, faces, first = [], {}, len(places)
+        contacts, faces, first = [], dict[Pair, BlockFace](), len(places)
         zero = (0.0,) * self.n
         bodies = [(name, place, zero) for name, place in places.items()]
         bodies += [(k, self.x[k], block.half) for k, block in enumerate(self.blocks)]
@@ -142,30 +144,35 @@ class Blocks:
             for k, block in enumerate(self.blocks):
                 if own >= 0 and (own <= k or not (block.mass_kg or self.blocks[own].mass_kg)):
                     continue
-                key = (_key(own) if own >= 0 else name, k)
+                key = (key_of(own) if own >= 0 else name, k)
                 both = _sum(half, block.half)
-                face = _face(self._faces.get(key), place, self.x[k], both)
+                face = face_of(self._faces.get(key), place, self.x[k], both)
                 if face is not None:
                     faces[key] = face
-                    depth = _depth(face, place, self.x[k], both)
+                    depth = depth_behind(face, place, self.x[k], both)
                     one, other = number * self.n + face.axis, (first + k) * self.n + face.axis
-                    contacts.append(Contact(one, other, face.side, depth, inf if own >= 0 else block.limit_N))
+                    approach = (one, -face.side), (other, face.side)
+                    contacts.append(Contact(approach, depth, inf if own >= 0 else block.limit_N))
         return contacts, faces
 
-    def _rubs(self, contacts: Sequence[Contact], faces: Mapping[_Pair, _Face]) -> list[Rub]:
+    def _rubs(self, contacts: Sequence[Contact], faces: Mapping[Pair, BlockFace]) -> list[Rub]:
         """The friction of these contacts, which are in the order of their faces."""
         found = []
         for number, (contact, (pair, face)) in enumerate(zip(contacts, faces.items(), strict=True)):
-            own, k = _key(pair[0]), pair[1]  # own: below 0 for a proxy
+            own, k = key_of(pair[0]), pair[1]  # own: below 0 for a proxy
             mu = max(self.blocks[k].friction, self.blocks[own].friction if own >= 0 else 0.0)
             if mu > 0.0 and self.n > 1:
-                across = [axis - face.axis for axis in range(self.n) if axis != face.axis]
-                ones, others = ([end + way for way in across] for end in (contact.one, contact.other))
-                before, stretch = self._faces.get(pair), self._stretches.get(pair)
-                is_same = before is not None and (before.axis, before.side) == (face.axis, face.side)
-                kept = stretch if is_same and stretch is not None else np.zeros(len(across))
-                found.append(Rub(number, mu, ones, others, kept))
+                (one, _), (other, _) = contact.approach
+                ways = [axis - face.axis for axis in range(self.n) if axis != face.axis]
+                across = [((one + way, 1.0), (other + way, -1.0)) for way in ways]
+                found.append(Rub(number, mu, across, self._stretch(pair, face)))
         return found
+
+    def _stretch(self, pair: Pair, face: BlockFace) -> Array:
+        """The stretch of a contact's friction so far [m]; 0 where it acts at another face now."""
+        before, stretch = self._faces.get(pair), self._stretches.get(pair)
+        is_same = before is not None and (before.axis, before.side) == (face.axis, face.side)
+        return stretch if is_same and stretch is not None else np.zeros(self.n - 1)
 
     def stored_J(self, places: Mapping[int, Vector]) -> float:
         """The energy of all motion and all springs, with the proxies at these places (n,) [m]."""
@@ -175,13 +182,13 @@ class Blocks:
             total += 0.5 * block.mass_kg * inner(v, v) + 0.5 * block.spring_N_m * inner(moved, moved)
             total += block.mass_kg * block.gravity * moved[-1]
         for (name, k), face in self._faces.items():
-            own = _key(name)  # below 0 for a proxy
+            own = key_of(name)  # below 0 for a proxy
             place = self.x[own] if own >= 0 else places.get(name)
             if place is not None:
                 half = _sum(self.blocks[k].half, self.blocks[own].half) if own >= 0 else self.blocks[k].half
-                if _is_at(face, place, self.x[k], half):  # else the next step drops it, and its energy is lost
+                if is_at(face, place, self.x[k], half):  # else the next step drops it, and its energy is lost
                     limit = inf if own >= 0 else self.blocks[k].limit_N
-                    total += self._potential_J(_depth(face, place, self.x[k], half), limit)
+                    total += self._potential_J(depth_behind(face, place, self.x[k], half), limit)
                     if (stretch := self._stretches.get((name, k))) is not None:
                         total += 0.5 * self.stiffness * float(stretch @ stretch)
         return total
@@ -224,10 +231,10 @@ class Blocks:
 
     def clearance(self, place: Sequence[float]) -> float:
         """A distance from `place` (n,) [m] within which there is no block; below 0 inside a block."""
-        return min(_gap(place, x, block.half) for x, block in zip(self.x, self.blocks, strict=True))
+        return min(gap_to(place, x, block.half) for x, block in zip(self.x, self.blocks, strict=True))
 
 
-def _key(number: int) -> int:
+def key_of(number: int) -> int:
     """The number of a block beside those of proxies, and back: below 0."""
     return -1 - number
 
@@ -236,29 +243,29 @@ def _sum(one: Vector, other: Vector) -> Vector:
     return tuple([a + b for a, b in zip(one, other, strict=True)])
 
 
-def _gap(place: Sequence[float], centre: Vector, half: Vector) -> float:
+def gap_to(place: Sequence[float], centre: Vector, half: Vector) -> float:
     """The largest distance on an axis from `place` to a box; below 0 inside."""
     return max([abs(x - c) - h for x, c, h in zip(place, centre, half, strict=True)])
 
 
-def _depth(face: _Face, place: Sequence[float], centre: Vector, half: Vector) -> float:
+def depth_behind(face: BlockFace, place: Sequence[float], centre: Vector, half: Vector) -> float:
     """The depth behind a face [m]."""
     return half[face.axis] - face.side * (place[face.axis] - centre[face.axis]) - face.from_m
 
 
-def _is_at(face: _Face, place: Sequence[float], centre: Vector, half: Vector) -> bool:
+def is_at(face: BlockFace, place: Sequence[float], centre: Vector, half: Vector) -> bool:
     """Whether `place` is in front of the face or behind it: what is beside the block will not be pushed any more."""
     ways = enumerate(zip(place, centre, half, strict=True))
     return all(abs(x - c) - h < 0.0 for axis, (x, c, h) in ways if axis != face.axis)
 
 
-def _face(before: _Face | None, place: Vector, centre: Vector, half: Vector) -> _Face | None:
+def face_of(before: BlockFace | None, place: Vector, centre: Vector, half: Vector) -> BlockFace | None:
     """The face between a box and what is at `place`; None: they may not touch in the next step."""
-    if before is not None and _is_at(before, place, centre, half) and _depth(before, place, centre, half) > 0.0:
+    if before is not None and is_at(before, place, centre, half) and depth_behind(before, place, centre, half) > 0.0:
         return before
     away = [x - c for x, c in zip(place, centre, strict=True)]
     gaps = [abs(d) - h for d, h in zip(away, half, strict=True)]
     nearest = max(range(len(gaps)), key=gaps.__getitem__)
     if any(gap >= 0.0 for axis, gap in enumerate(gaps) if axis != nearest):
         return None
-    return _Face(nearest, 1.0 if away[nearest] >= 0.0 else -1.0, max(0.0, -gaps[nearest]))
+    return BlockFace(nearest, 1.0 if away[nearest] >= 0.0 else -1.0, max(0.0, -gaps[nearest]))

@@ -1,8 +1,7 @@
 """Worlds with blocks that several hands push: ``shared:block?mass=0.2 + block?at=120mm,0,0&mass=0``.
 
 Each hand has a seat: its own proxy, virtual coupling, reservoir and link. A run with one hand uses the scene as any
-other; `hapnet simulate --graph` gives each device of a graph a seat in the same world. Blocks translate, and do not
-turn. A block of mass 0 is fixed.
+other; `hapnet simulate --graph` gives each device of a graph a seat in the same world. A block of mass 0 is fixed.
 
 Seats get no planes of the blocks: a plane that another hand moves has moved on when it arrives. Measured with two hands
 on 0.2 kg over 40 ms, the force error was 0.09 N without planes and 0.80 N with planes that move at the block's
@@ -22,6 +21,7 @@ from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.blocks import Block, Blocks, Free
 from hapnet.ext.many.joint import JointSeat, JointWorld
+from hapnet.ext.many.turning import TurningBlocks
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.properties import Properties, kind_of
 from hapnet.ext.solids.rigid import parts_in
@@ -39,9 +39,11 @@ FIRST_WORDS = (f"{WORD}:block",)
 WORDS = (
     "mass=0.2 (kg; 0: fixed), size=60mm,60mm,60mm, at=X,Y,Z (its centre; by default 20 mm in front of the start), "
     "drag=1 (Ns/m), spring=5 (N/m, to its place), limit=10 (N, the most with which a hand pushes it), friction=0 "
-    "(Coulomb's mu), gravity=0 (m/s^2, against the last axis)"
+    "(Coulomb's mu), gravity=0 (m/s^2, against the last axis), turns=no (or yes, with three axes)"
 )
 _NUMBERS = {"mass": 0.2, "drag": 1.0, "spring": 5.0, "limit": 10.0, "friction": 0.0, "gravity": 0.0}
+_UNITS = {"mass": "_kg", "drag": "_Ns_m", "spring": "_N_m", "limit": "_N"}
+"""The ends of their names in `Block`."""
 _FRONT_M = 0.02
 _SIZE_M = 0.06
 _STEP_M = 5e-4
@@ -199,7 +201,10 @@ class _SharedPicture:
 
     def poses(self) -> Array:
         places = [*self._seat.shared.blocks.x, *(one.in_world(one.mass.x) for one in self._others)]
-        return at_rest([[x - there for x, there in zip(place, self._seat.at, strict=True)] for place in places])
+        poses = at_rest([[x - there for x, there in zip(place, self._seat.at, strict=True)] for place in places])
+        if isinstance(blocks := self._seat.shared.blocks, TurningBlocks):
+            poses[: len(blocks.quaternions), 3:] = blocks.quaternions
+        return poses
 
     def soft(self) -> Array:
         """No vertices: there are no soft parts."""
@@ -238,7 +243,8 @@ def shared_world(
     n = checked_dof(dof)
     blocks = [_block(part, n) for part in parts_in(text.partition(":")[2])]
     try:
-        return Seat(SharedWorld(Blocks(blocks, stiffness, damping)), text, step_min_s, step_max_s)
+        made = TurningBlocks if any(block.turns for block in blocks) else Blocks
+        return Seat(SharedWorld(made(blocks, stiffness, damping)), text, step_min_s, step_max_s)
     except InvalidParameter as error:
         if error.name != "at":
             raise
@@ -253,7 +259,6 @@ def _block(text: str, n: int) -> Block:
     size = properties.lengths("size", (_SIZE_M,) * 3)
     at = properties.lengths("at", (_FRONT_M + 0.5 * size[0], 0.0, 0.0))
     values = {key: properties.number(key, default) for key, default in _NUMBERS.items()}
-    properties.finish(WORDS)
     for key, value in values.items():
         if not value >= 0.0:
             raise properties.error(f"{key}={value:g}", f"{key}: 0 or above")
@@ -262,4 +267,8 @@ def _block(text: str, n: int) -> Block:
     half = tuple([0.5 * length for length in size[:n]])
     if not values["limit"] > 0.0:
         raise properties.error("limit", "limit: above 0")
-    return Block(at[:n], half, *(values[key] for key in _NUMBERS))
+    if (turns := properties.text("turns") or "no") not in ("yes", "no") or (turns == "yes" and n < 3):
+        raise properties.error(f"turns={turns}", "turns: no, or yes with three axes")
+    properties.finish(WORDS)
+    numbers = {f"{key}{_UNITS.get(key, '')}": value for key, value in values.items()}
+    return Block(at[:n], half, **numbers, turns=turns == "yes")
