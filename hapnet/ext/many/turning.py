@@ -174,7 +174,7 @@ class TurningBlocks(Blocks):
             for j, other in enumerate(self.blocks):
                 if j == k or not (block.mass_kg or other.mass_kg):
                     continue
-                speed = float(np.abs([self.v[k], self.v[j], self.spins[k], self.spins[j]]).sum())
+                speed = float(np.abs(np.array([self.v[k], self.v[j], self.spins[k], self.spins[j]])).sum())
                 reach = _NEAR_M + 2.0 * dt * speed
                 if gap_to(places[count + j].tolist(), self.x[k], _NO_SIZE) > reach + added(block.half) + added(
                     other.half
