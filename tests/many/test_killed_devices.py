@@ -1,5 +1,6 @@
 """Four hands hold a block; one device after another is killed in contact, and comes back into its seat."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -26,11 +27,11 @@ class Seen(NamedTuple):
     devices: list[Device]
 
 
-def run(kills: int, seed: int = 0) -> Seen:
+def run(kills: int, seed: int = 0, scene: str = "shared:block?at=0,0,0") -> Seen:
     rng = np.random.default_rng(seed)
     faces = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))
     hands = {f"hand{number}": Carrier(*face) for number, face in enumerate(faces)}
-    world = {"kind": "world", "scene": "shared:block?at=0,0,0", "world": {"step_min_s": 0.01, "step_max_s": 0.05}}
+    world = {"kind": "world", "scene": scene, "world": {"step_min_s": 0.01, "step_max_s": 0.05}}
     nodes = {name: {"kind": "device", "operator": "rest"} for name in hands}
     edges = [{"from": name, "to": "table", "link": LINK, "at": hand.at} for name, hand in hands.items()]
     simulation = GraphSimulation(graph_of({"nodes": {**nodes, "table": world}, "edges": edges}), seed, hands=hands)
@@ -71,7 +72,23 @@ def run(kills: int, seed: int = 0) -> Seen:
     [2, pytest.param(10, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.soak)],
 )
 def test_the_others_feel_no_step_and_nobody_gets_energy_by_coming_back(kills: int) -> None:
-    seen = run(kills)
+    assert_nobody_gains(run(kills))
+
+
+SLIDES = "".join(
+    f'<joint type="slide" axis="{axis}" damping="1" stiffness="5"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
+)
+
+
+def test_the_same_holds_in_a_mujoco_model(tmp_path: Path) -> None:
+    """The block of above as a body of a model; each hand has a sphere, which it lets go while it is away."""
+    pytest.importorskip("mujoco")
+    box = f'<body gravcomp="1">{SLIDES}<geom type="box" size=".03 .03 .03" mass="0.2"/></body>'
+    (tmp_path / "box.xml").write_text(f"<mujoco><worldbody>{box}</worldbody></mujoco>")
+    assert_nobody_gains(run(2, scene=f"mujoco:{tmp_path / 'box.xml'}"))
+
+
+def assert_nobody_gains(seen: Seen) -> None:
     assert seen.step <= STEP_LIMIT_N + OWN_MOTION_N
     assert max(seen.back_s) <= 0.3 + 3.0 * ROUND_TRIP_S
     first = seen.devices[0].pair.world_endpoint.coupling.ledger.bound
