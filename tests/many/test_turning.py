@@ -123,6 +123,33 @@ def test_it_gives_out_no_energy_whatever_is_thrown_at_it() -> None:
     assert turned > 0.5
 
 
+def test_light_blocks_that_spin_fast_in_long_steps_give_out_no_energy() -> None:
+    """From 5 g, at up to 60 rad/s on each axis, in steps of 10 to 250 ms: some are made without turning."""
+    stopped = 0
+    for seed in (0, 1, 2):
+        rng = np.random.default_rng([seed, 17])
+        plain, hands = thrown(rng, 1 + seed % 3, 4)
+        made = [
+            block._replace(
+                turns=True, mass_kg=block.mass_kg and float(rng.choice([0.005, 0.05, 0.5])),
+                friction=float(rng.uniform(0.0, 2.0)), gravity=float(rng.choice([0.0, G])),
+            )
+            for block in plain.blocks
+        ]  # fmt: skip
+        world, work = TurningBlocks(made, STIFFNESS, DAMPING), 0.0
+        world.v = plain.v
+        world.spins = [rng.uniform(-60.0, 60.0, 3) if block.mass_kg else np.zeros(3) for block in made]
+        start = world.stored_J({})
+        for _ in range(20):
+            dt = float(10.0 ** rng.uniform(-2.0, -0.6))
+            forces, means = pushed(world, hands, dt)
+            work -= dt * float(np.sum(forces * means))
+            stored = world.stored_J({k: tuple(hand.x) for k, hand in enumerate(hands)})
+            assert work - (stored - start) >= -1e-11
+        stopped += world.stopped
+    assert stopped > 0
+
+
 def test_without_dampers_and_friction_all_work_is_stored() -> None:
     """As an equality, step by step: the hand turns the block by a spring at a face."""
     _, hand = off_centre()
