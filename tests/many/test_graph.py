@@ -111,7 +111,7 @@ BAD = {
     "soft": (one_hand("soft:organ?nodes=300"), ["nodes.table", "'2 edges'", NO_ROOM]),
     "mujoco: more hands than proxies": (
         one_hand(f"{BOX}?proxy=left"),
-        ["nodes.table: scene mujoco is '2 edges'", "allowed: 1 to 1 edges", "left"],
+        ["nodes.table: scene mujoco is '2 edges'", "allowed: up to 1, one for each proxy of the scene: left"],
     ),
     "mujoco: the same proxy twice": (
         one_hand(BOX).replace('to = "table"', 'to = "table"\nproxy = "left"'),

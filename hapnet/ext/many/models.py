@@ -222,7 +222,7 @@ def _held(edges: Sequence[Edge], want: Asked, dof: int) -> list[HandProxy]:
         if edge.at and len(edge.at) != dof:
             raise InvalidParameter(f"edges.{edge.name}.at", list(edge.at), f"{dof} lengths, one for each axis")
     if want.proxies and len(edges) > len(want.proxies):
-        allowed = f"1 to {len(want.proxies)} edges: the scene's proxies are {', '.join(want.proxies)}"
+        allowed = f"up to {len(want.proxies)}, one for each proxy of the scene: {', '.join(want.proxies)}"
         raise InvalidParameter(f"nodes.{edges[0].world}: scene mujoco", f"{len(edges)} edges", allowed)
     left = [name for name in want.proxies if name not in named]
     held = []
