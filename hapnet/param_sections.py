@@ -167,6 +167,14 @@ class WorldParams(Section):
         "hold", "the set-position when nothing arrives: hold it, or release the spring", ("hold", "release")
     )
     silence_after_s: float = _p(0.5, "after this time without a new message the peer is silent [s]", _POSITIVE)
+    reservoir: str = _p(
+        "separate", "of several hands: a reservoir for each (separate), or one for a trusted group (pooled)",
+        ("separate", "pooled"),
+    )  # fmt: skip
+    seat_refill_s: float = _p(
+        5.0, "of several hands: a seat without a device for so long is filled again, out of what the world has "
+        "dissipated [s]; 0: never", _NOT_NEGATIVE,
+    )  # fmt: skip
     wall: WallParams = field(default_factory=WallParams)
 
 

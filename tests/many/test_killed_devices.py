@@ -1,5 +1,6 @@
 """Four hands hold a block; one device after another is killed in contact, and comes back into its seat."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from tests.support.carrying_hands import Carrier
 from tests.support.restarted_devices import Device
 
 LINK, ROUND_TRIP_S = "delay 40ms 10ms loss 2%", 0.08
+STEPS = {"step_min_s": 0.01, "step_max_s": 0.05}
 GONE_S, BACK_S = 0.9, 0.7
 STEP_LIMIT_N, OWN_MOTION_N = 0.5, 0.1
 """`device.step_limit_N`, and what a hand's own motion adds to it in a tick: 0.15 m/s times 600 N/m times 1 ms."""
@@ -20,22 +22,34 @@ STEP_LIMIT_N, OWN_MOTION_N = 0.5, 0.1
 
 class Seen(NamedTuple):
     """The largest step of the force that a device that was not killed rendered in a tick [N], the times from each start
-    to the first set-position that the world used [s], and the devices."""
+    to the first set-position that the world used [s], the devices, and the run, which may go on."""
 
     step: float
     back_s: list[float]
     devices: list[Device]
+    simulation: GraphSimulation
 
 
-def run(kills: int, seed: int = 0, scene: str = "shared:block?at=0,0,0") -> Seen:
+def run(
+    kills: int,
+    seed: int = 0,
+    seen: Callable[[GraphSimulation], None] = lambda _: None,
+    scene: str = "shared:block?at=0,0,0",
+    **of_world: object,
+) -> Seen:
+    """Four hands hold a body, and `kills` devices are killed and come back, one after the other.
+
+    seen : called with the run before it begins. of_world : parameters of the world.
+    """
     rng = np.random.default_rng(seed)
     faces = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))
     hands = {f"hand{number}": Carrier(*face) for number, face in enumerate(faces)}
-    world = {"kind": "world", "scene": scene, "world": {"step_min_s": 0.01, "step_max_s": 0.05}}
+    world = {"kind": "world", "scene": scene, "world": {**STEPS, **of_world}}
     nodes = {name: {"kind": "device", "operator": "rest"} for name in hands}
     edges = [{"from": name, "to": "table", "link": LINK, "at": hand.at} for name, hand in hands.items()]
     simulation = GraphSimulation(graph_of({"nodes": {**nodes, "table": world}, "edges": edges}), seed, hands=hands)
     devices = [Device(simulation, f"{name}-table") for name in hands]
+    seen(simulation)
     simulation._run(10**10, lambda: all(pair.started for pair in simulation.pairs.values()))
     held: list[np.ndarray | None] = [None] * len(devices)
     largest, back_s = 0.0, []
@@ -64,7 +78,7 @@ def run(kills: int, seed: int = 0, scene: str = "shared:block?at=0,0,0") -> Seen
             go_on(simulation.now_ns + 1_000_000)
         back_s.append((simulation.now_ns - started_ns) * 1e-9)
         go_on(started_ns + round(BACK_S * 1e9))
-    return Seen(largest, back_s, devices)
+    return Seen(largest, back_s, devices, simulation)
 
 
 @pytest.mark.parametrize(

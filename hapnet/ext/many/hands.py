@@ -11,6 +11,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import WATCH, Edge, Graph, about
 from hapnet.ext.many.joint import JointSeat
 from hapnet.ext.many.models import seats_in_model
+from hapnet.ext.many.reservoirs import Reservoirs, is_heard
 from hapnet.ext.many.shared import Seat
 from hapnet.param_sources import RULE
 from hapnet.params import Params
@@ -85,33 +86,37 @@ def _scene_of(edge: Edge, world: World, hands: int) -> World:
 class JointSteps:
     """Solves the contacts of all hands before the hands' sides make their steps, and counts the step afterwards.
 
-    sides : of one world, each with its session. Among walls, without bodies that they share, each hand is alone, and
-    nothing is left to do.
+    sides : of one world, each with its session. Among walls, without bodies that they share, each hand is alone, and no
+    contacts are left to solve. reservoirs : of their seats; one hand alone has its own.
 
     A hand whose device has left, or has been silent for `world.silence_after_s`, touches nothing until it is back.
     """
 
-    def __init__(self, sides: Sequence[tuple[WorldSide, Session]]) -> None:
+    def __init__(self, sides: Sequence[tuple[WorldSide, Session]], reservoirs: Reservoirs | None = None) -> None:
+        self._sides, self._reservoirs = sides, reservoirs
         self._seats = [(side, session, side.scene) for side, session in sides if isinstance(side.scene, JointSeat)]
         shared = self._seats[0][2].shared if self._seats else None
         self._shared = None if shared is None or len(shared.seats) == 1 else shared
 
     def begin(self, now_ns: int) -> None:
         """Solve the step that ends at `now_ns` for all hands whose control has started."""
+        if self._reservoirs is not None:
+            self._reservoirs.begin_step(now_ns, self._sides)
         if self._shared is None:
             return
         dt, moving = 0.0, dict[JointSeat, Vector]()
         for side, session, seat in self._seats:
             if side.origin_ns is not None and not side.paused:
                 dt = (now_ns - side.stepped.began_ns) * NANO
-                is_heard = session.peer is not None and not session.monitor.is_silent(now_ns)
-                seat.is_here = seat.may_touch and is_heard
+                seat.is_here = seat.may_touch and is_heard(session, now_ns)
                 side.mass.limit_energy(side.coupling.account)
                 moving[seat] = side.coupling.set_position
         if moving:
             self._shared.begin_step(dt, moving)
 
-    def end(self) -> None:
-        """Count the step in the world's account, after all sides have made it."""
+    def end(self, now_ns: int) -> None:
+        """Count the step in the world's accounts, after all sides have made it."""
         if self._shared is not None:
             self._shared.end_step()
+        if self._reservoirs is not None:
+            self._reservoirs.end_step(now_ns, self._sides)

@@ -18,6 +18,7 @@ from hapnet.control.two_port import begin
 from hapnet.errors import HapnetError
 from hapnet.ext.many.graph import Edge, Graph
 from hapnet.ext.many.hands import Change, JointSteps, world_setups
+from hapnet.ext.many.reservoirs import Reservoirs
 from hapnet.ext.many.summary import graph_summary
 from hapnet.plant.operator import Operator
 from hapnet.records.record import NEVER
@@ -46,7 +47,9 @@ class _World:
 
     def __init__(self, pairs: list[Simulation]) -> None:
         self.pairs = pairs
-        self._joint = JointSteps([(pair.world, pair.world_endpoint.session) for pair in pairs])
+        self.reservoirs = Reservoirs.of(pairs[0].setup.params)
+        sides = [(pair.world, pair.world_endpoint.session) for pair in pairs]
+        self._joint = JointSteps(sides, self.reservoirs if len(pairs) > 1 else None)
 
     def step(self, now_ns: int) -> None:
         """End the current step of all hands, and begin the next."""
@@ -54,7 +57,7 @@ class _World:
         for pair in self.pairs:
             pair.clock.now_ns = now_ns
             events.happen(pair, events.STEP, now_ns)
-        self._joint.end()
+        self._joint.end(now_ns)
         due_ns = next((one.clock.due[events.STEP] for one in self.pairs if one.world.origin_ns is not None), None)
         for pair in self.pairs:  # a hand that pairs later joins at the beginning of a step
             pair.clock.due[events.STEP] = due_ns or pair.clock.due[events.STEP]

@@ -20,6 +20,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.many.graph import RIGHTS, TOUCH
 from hapnet.ext.many.hands import JointSteps
 from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.reservoirs import Reservoirs
 from hapnet.realtime.controllers import UNPAIRED_STEP_NS, ThreadedWorld
 from hapnet.realtime.runner import RealtimeSide
 from hapnet.realtime.servo import Stepper
@@ -32,9 +33,10 @@ Step = Callable[[int], int]
 
 
 class JointLoop:
-    """One thread that makes the steps of all hands of a world."""
+    """One thread that makes the steps of all hands of a world. reservoirs : of their seats; None: there is one hand."""
 
-    def __init__(self) -> None:
+    def __init__(self, reservoirs: Reservoirs | None) -> None:
+        self._reservoirs = reservoirs
         self._lock = threading.Lock()
         self._stepper = Stepper(self._step, self._fail, time.monotonic_ns)
         self._running: list[_OneLoop] = []
@@ -67,7 +69,7 @@ class JointLoop:
 
     def _change(self) -> None:
         worlds = [self.worlds[one] for one in self._running]
-        self._joint = JointSteps([(world.side, world.wire.session) for world in worlds])
+        self._joint = JointSteps([(world.side, world.wire.session) for world in worlds], self._reservoirs)
 
     def _step(self, now_ns: int) -> int:
         with self._lock:
@@ -83,7 +85,7 @@ class JointLoop:
                     continue
                 if self.worlds[one].side.origin_ns is not None:
                     lengths.append(length_ns)
-            self._joint.end()
+            self._joint.end(now_ns)
         return lengths[1] if len(lengths) > 1 else lengths[0]
 
     def _fail(self, error: BaseException) -> None:
@@ -124,7 +126,8 @@ class SeatedWorld:
         records: Mapping[str, Path],
         notify: Callable[[str, Notice], None],
     ) -> None:
-        loop = JointLoop()
+        self._reservoirs = Reservoirs.of(next(iter(setups.values())).params)
+        loop = JointLoop(self._reservoirs if len(setups) > 1 else None)
         self.sides: dict[str, RealtimeSide] = {}
         self.failures: dict[str, str] = {}
         self._notify = notify
@@ -167,6 +170,12 @@ class SeatedWorld:
         """The account of the shared bodies, with all hands; None: there is one hand, or each is alone among walls."""
         seat = next(iter(self.sides.values())).setup.scene
         return seat.shared.as_dict() if isinstance(seat, JointSeat) and len(self.sides) > 1 else None
+
+    @property
+    def reservoirs(self) -> dict[str, Any] | None:
+        """The accounts of the seats' reservoirs; None: there is one hand."""
+        sides = [(name, cast(ThreadedWorld, side.control).side) for name, side in self.sides.items()]
+        return self._reservoirs.as_dict(sides) if len(sides) > 1 else None
 
 
 async def _set_after(stop: asyncio.Event, own: asyncio.Event) -> None:
