@@ -33,6 +33,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hapnet.control.set_position_coupling import SetPositionCoupling
+from hapnet.couplings import registry
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.shared import Seat
 from hapnet.mechanics import spring as springs
@@ -47,7 +48,7 @@ SEPARATE, POOLED = "separate", "pooled"
 
 @dataclass
 class SeatAccount:
-    """What a seat's reservoir has taken in and given out, beside its pair [J].
+    """The energy that a seat's reservoir has taken in and given out, beside its pair [J].
 
     used_J : the sum of all jumps (11): the energy that its set-positions took, less what they gave back.
     got_J, given_J : from and to other seats. refilled_J : out of what the blocks have dissipated.
@@ -76,8 +77,10 @@ class Reservoirs:
     @classmethod
     def of(cls, params: Params) -> Reservoirs:
         """With the parameters of one of the world's pairs. Raises InvalidParameter: the coupling has no reservoirs."""
-        if params.world.reservoir == POOLED and params.coupling != "pspm":
-            allowed = f"{SEPARATE} with the coupling {params.coupling}: only pspm has reservoirs to share"
+        spec = registry.known(params.coupling)
+        has_own = spec is not None and spec.halves and spec.continuous is not None  # only with PSPM at both ends
+        if params.world.reservoir == POOLED and not has_own:
+            allowed = f"{SEPARATE} with the coupling {params.coupling}: it has no PSPM at the world"
             raise InvalidParameter("world.reservoir", POOLED, allowed)
         return cls(params.world.seat_refill_s, pooled=params.world.reservoir == POOLED)
 
@@ -154,7 +157,7 @@ def is_heard(session: Session, now_ns: int) -> bool:
 
 
 def dissipated_J(side: WorldSide) -> float:
-    """What the environment of this side has dissipated, less what seats got of it [J]: of shared blocks, with all
+    """The energy that the environment of this side has dissipated, and that no seat has got [J]; shared blocks with all
     hands."""
     scene, account = side.scene, side.environment
     if isinstance(scene, Seat):

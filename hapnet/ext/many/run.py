@@ -126,6 +126,12 @@ class GraphSimulation:
         found = {name: pair.result(end_ns) for name, pair in self.pairs.items()}
         return GraphResult(graph_summary(self, found), found)
 
+    def reservoirs(self, world: str) -> dict[str, Any]:
+        """The accounts of the seats' reservoirs of this world, by the names of the edges."""
+        edges = [edge.name for edge in self.graph.edges_of(world)]
+        found = self._world_of[edges[0]].reservoirs
+        return found.as_dict([(name, self.pairs[name].world) for name in edges])
+
     def _run_to(self, end_ns: int) -> None:
         """Run to `end_ns`, as `events.run_to` does for one pair."""
         pairs = list(self.pairs.values())

@@ -4,7 +4,8 @@ verdict : passive (true, false; null: not known), reason.
 edges.NAME : the summary of the pair, as `hapnet simulate --json -` prints it.
 nodes.NAME : kind; edges; sent_nJ, what its sessions sent in all; ledger_sent_J, what its ledgers count as sent. A
     node that sends more than its ledgers count breaks its claim: no single pair would see it, as each receiver is
-    credited what was sent to it. Of a world with several hands also environment: one account for all of them.
+    credited what was sent to it. Of a world with several hands also environment, one account for all of them, and
+    reservoirs: those of the seats, see `Reservoirs.as_dict`.
 total : bound_J, energy_out_J and margin_J, summed over the edges.
 """
 
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hapnet.ext.many.run import GraphSimulation
+
+_WORTH_TELLING_J = 0.05
+"""As much as the reservoir of a seat holds by default: a hand that now and then needs more than it has takes less."""
 
 
 def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str, Any]:
@@ -58,33 +62,53 @@ def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
     seat = pairs[0].world.scene
     if kind == "world" and isinstance(seat, JointSeat) and len(pairs) > 1:
         node["environment"] = seat.shared.as_dict()
+    if kind == "world" and len(pairs) > 1:
+        node["reservoirs"] = run.reservoirs(name)
     return node
 
 
 def graph_verdict(
     edges: Mapping[str, Mapping[str, Any]], nodes: Mapping[str, Mapping[str, Any]], missing: Collection[str] = ()
 ) -> dict[str, Any]:
-    """The verdict on the graph: the worst of its edges and nodes. missing : edges without a summary of both sides."""
+    """The verdict on the graph: the worst of its edges and nodes, and who took most of a shared reservoir.
+
+    missing : edges without a summary of both sides.
+    """
+    passive, reasons = _passive(edges, nodes, missing)
+    reasons += filter(None, [reservoir_line(name, node.get("reservoirs")) for name, node in nodes.items()])
+    return {"passive": passive, "reason": "; ".join(reasons)}
+
+
+def _passive(
+    edges: Mapping[str, Mapping[str, Any]], nodes: Mapping[str, Mapping[str, Any]], missing: Collection[str]
+) -> tuple[bool | None, list[str]]:
     against = [
         f"{name} sent {1e-6 * node['sent_nJ']:.3g} mJ, its ledgers count {1e3 * node['ledger_sent_J']:.3g} mJ"
         for name, node in nodes.items()
-        if node["sent_nJ"] * NANO > node["ledger_sent_J"] + ROUNDING_J
+        if "sent_nJ" in node and node["sent_nJ"] * NANO > node["ledger_sent_J"] + ROUNDING_J
     ]
     judged = {name: summary["verdict"] for name, summary in edges.items()}
     against += [f"{name}: {verdict['reason']}" for name, verdict in judged.items() if verdict["passive"] is False]
     if against:
-        return {"passive": False, "reason": "; ".join(against)}
+        return False, against
     unknown = [f"{name}: {verdict['reason']}" for name, verdict in judged.items() if verdict["passive"] is None]
     unknown += [f"{name}: there is no energy account of both sides" for name in missing]
     if unknown:
-        return {"passive": None, "reason": "; ".join(unknown)}
+        return None, unknown
     out = sum(summary["theorem"]["energy_out_J"] for summary in edges.values())
     bound = sum(summary["theorem"]["bound_J"] for summary in edges.values())
     pairs = "the pair" if len(edges) == 1 else f"each of {len(edges)} pairs; together they"
-    return {
-        "passive": True,
-        "reason": f"{pairs} gave out at most {1e3 * out:.3g} mJ of the {1e3 * bound:.4g} mJ allowed",
-    }
+    return True, [f"{pairs} gave out at most {1e3 * out:.3g} mJ of the {1e3 * bound:.4g} mJ allowed"]
+
+
+def reservoir_line(name: str, reservoirs: Mapping[str, Any] | None) -> str | None:
+    """Who took the most out of the reservoir that the hands of a world share; None: nobody took much."""
+    seats = {} if reservoirs is None else reservoirs["seats"]
+    taken = {seat: one["got_J"] - one["given_J"] for seat, one in seats.items()}
+    most = max(taken, key=taken.__getitem__, default=None)
+    if most is None or taken[most] < _WORTH_TELLING_J:
+        return None
+    return f"{name} has one reservoir for all hands: {most} took {1e3 * taken[most]:.3g} mJ of the others'"
 
 
 def show_verdict(words: Console, verdict: Mapping[str, Any]) -> None:

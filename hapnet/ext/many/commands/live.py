@@ -17,7 +17,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import Edge, Graph, graph_of, read_graph
 from hapnet.ext.many.hands import Change, warnings_of, world_setups
 from hapnet.ext.many.seats import SeatedWorld, seat_names
-from hapnet.ext.many.summary import environment_line
+from hapnet.ext.many.summary import environment_line, reservoir_line
 from hapnet.side.notices import Notice
 from hapnet.summary.run import Summary
 from hapnet.transport.config import zenoh_warnings
@@ -96,10 +96,12 @@ def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, ze
     with held_back(caught):
         written.missing += [f"{name}: {why}" for name, why in world.failures.items()]
         written.missing += filter(None, [side.unrecorded for side in world.sides.values()])
-        result = {"environment": world.environment, "seats": summaries}
+        result = {"environment": world.environment, "reservoirs": world.reservoirs, "seats": summaries}
         if words is not None:
             words.print(_table(summaries))
-            if (line := environment_line(edges[0].world, len(edges), world.environment)) is not None:
+            name = edges[0].world
+            lines = environment_line(name, len(edges), world.environment), reservoir_line(name, world.reservoirs)
+            for line in filter(None, lines):
                 words.print(line, markup=False)
             if directory is not None:
                 output.show_files(words, [*(f"{name}.mcap" for name in setups), "summary.json", "log.jsonl"], directory)

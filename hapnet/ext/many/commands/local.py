@@ -72,20 +72,19 @@ def run(
     with held_back(caught):
         edges = {name: found for name in graph.edges if (found := _joined(nodes, graph.edges[name])) is not None}
         written.missing += [f"{name}: {why}" for name, why in nodes.failures.items()]
-        environments = {name: nodes.parts.get(name, {}).get("environment") for name in worlds}
+        own_parts = {name: nodes.parts.get(name, {}) for name in worlds}
+        of_nodes = {
+            name: {key: part.get(key) for key in ("environment", "reservoirs")} for name, part in own_parts.items()
+        }
         missing = [name for name in graph.edges if name not in edges]
-        show_verdict(words, verdict := graph_verdict(edges, {}, missing))
+        show_verdict(words, verdict := graph_verdict(edges, of_nodes, missing))
         words.print(pairs_table(edges))
-        for name, own in environments.items():
-            if (line := environment_line(name, len(worlds[name]), own)) is not None:
+        for name, own in of_nodes.items():
+            if (line := environment_line(name, len(worlds[name]), own["environment"])) is not None:
                 words.print(line, markup=False)
         for name, summary in edges.items():
             written.judge(summary, setups[name].params, virtual=False)
-        result = {
-            "verdict": verdict,
-            "edges": edges,
-            "nodes": {name: {"environment": own} for name, own in environments.items()},
-        }
+        result = {"verdict": verdict, "edges": edges, "nodes": of_nodes}
         for target in filter(None, (json_to, None if directory is None else str(directory / "summary.json"))):
             with written.part():
                 output.write_json(result, target)
