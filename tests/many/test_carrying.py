@@ -10,13 +10,16 @@ from hapnet.checks import Array
 from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.run import GraphResult, GraphSimulation
 from hapnet.side.endpoint import NANO
+from netem.presets import PRESETS
 from tests.support.carrying_hands import Carrier
 
 LINKS = (
     "delay 5ms", "4g", "delay 40ms 10ms loss 2%", "lossy-wifi", "delay 100ms 30ms loss 10%", "delay 30ms 20ms loss 40%",
     "wan-continental", "delay 150ms 10ms loss 15%", "geo", "delay 80ms 40ms distribution pareto loss 5%",
     "delay 20ms 5ms loss 25%", "delay 60ms 20ms reorder 10% loss 5%",
+    "ideal", "lan", "wifi", "5g", "dsl", "wan-intercontinental", "leo", "worst",
 )  # fmt: skip
+"""All profiles, and some that are worse in one way."""
 
 
 def run_of(
@@ -138,18 +141,30 @@ def hands_around(count: int) -> list[Carrier]:
     return [Carrier((k // 2) % 3 if count > 2 else 0, -1.0 if k % 2 else 1.0) for k in range(count)]
 
 
+def pushed_over(count: int, first: int, duration_s: float) -> GraphSimulation:
+    """As many hands around a block, over the links from number `first` on."""
+    return run_of(hands_around(count), LINKS[first:] + LINKS[:first], duration_s=duration_s)
+
+
 CASES = [
-    *[pytest.param(count, 5.0, marks=pytest.mark.long) for count in (1, 2)],
-    pytest.param(8, 5.0, marks=pytest.mark.slow),
-    *[pytest.param(count, 60.0, marks=pytest.mark.soak) for count in (1, 2, 8, 12)],
-    *[pytest.param(count, 60.0, marks=pytest.mark.soak) for count in (32, 64)],
-    pytest.param(8, 600.0, marks=pytest.mark.soak),
+    *[pytest.param(count, 0, 5.0, marks=pytest.mark.long) for count in (1, 2)],
+    pytest.param(8, 0, 5.0, marks=pytest.mark.slow),
+    *[
+        pytest.param(count, first, 60.0, marks=pytest.mark.soak)
+        for count in (1, 2, 8, 32, 64)
+        for first in range(0, len(LINKS), count)
+    ],
+    pytest.param(8, 0, 600.0, marks=pytest.mark.soak),
 ]
 
 
-@pytest.mark.parametrize(("count", "duration_s"), CASES)
-def test_every_account_is_kept_over_mixed_links(count: int, duration_s: float) -> None:
-    run = run_of(hands_around(count), LINKS, duration_s=duration_s)
+def test_every_profile_is_among_the_links() -> None:
+    assert {*PRESETS} <= {*LINKS}
+
+
+@pytest.mark.parametrize(("count", "first", "duration_s"), CASES)
+def test_every_account_is_kept_over_mixed_links(count: int, first: int, duration_s: float) -> None:
+    run = pushed_over(count, first, duration_s)
     result = run.run(lambda _: assert_credit(run))
     assert_credit(run)
     assert all(pair.world_endpoint.session.credited_nJ > 0 for pair in run.pairs.values())
