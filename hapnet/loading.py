@@ -179,6 +179,8 @@ _MODULES = {
     "compiled runs": "hapnet.ext.compiled.whole_runs.run",
     "pictures": "hapnet.ext.pictures.run",
     "reports": "hapnet.ext.pictures.report",
+    "report commands": "hapnet.ext.pictures.commands",
+    "several reports": "hapnet.ext.pictures.several",
     "mujoco": "hapnet.ext.engines.mujoco_engine",
     "soft": "hapnet.ext.soft.soft",
     "tools' worlds": "hapnet.ext.tools.scene",
@@ -188,6 +190,7 @@ _MODULES = {
     "graphs": "hapnet.ext.many.commands.graph",
     "seats": "hapnet.ext.many.commands.live",
     "local graphs": "hapnet.ext.many.commands.local",
+    "reports on graphs": "hapnet.ext.many.commands.report",
     "own worlds": "hapnet.ext.engines.own_worlds",
 }
 

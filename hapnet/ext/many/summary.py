@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from hapnet.ext.many.joint import JointSeat
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.result import Result
-from hapnet.summary.run import Summary
 from hapnet.summary.verdict import ROUNDING_J
 
 if TYPE_CHECKING:
@@ -128,18 +127,26 @@ def environment_line(name: str, hands: int, own: Mapping[str, float] | None) -> 
     return f"{name}: one account for {hands} hands; its bodies gave out {gave}, and hold {held}"
 
 
-def pairs_table(pairs: Mapping[str, Summary]) -> Table:
+PAIR_HEAD = ("pair", "passive", "gave out, mJ", "of, mJ", "largest force, N", "modulated: device, world, %")
+
+
+def pairs_table(pairs: Mapping[str, Mapping[str, Any]]) -> Table:
     """A row for each pair: its verdict, its energy, its force, and how often PSPM modulated."""
     from rich.table import Table
 
-    table = Table("pair", "passive", "gave out, mJ", "of, mJ", "largest force, N", "modulated: device, world, %")
+    table = Table(*PAIR_HEAD)
     for name, of in pairs.items():
-        passive = {True: "yes", False: "no", None: "not known"}[of["verdict"]["passive"]]
-        sides = [_percent(of["device"]), _percent(of["world"])]
-        theorem = [_scaled(value) for value in (of["theorem"]["energy_out_J"], of["theorem"]["bound_J"])]
-        force = of["motion"]["peak_force_N"]
-        table.add_row(name, passive, *theorem, "-" if force is None else f"{force:.3g}", ", ".join(sides))
+        table.add_row(*pair_row(name, of))
     return table
+
+
+def pair_row(name: str, of: Mapping[str, Any]) -> tuple[str, ...]:
+    """The cells of a pair in that table."""
+    passive = {True: "yes", False: "no", None: "not known"}[of["verdict"]["passive"]]
+    sides = [_percent(of["device"]), _percent(of["world"])]
+    theorem = [_scaled(value) for value in (of["theorem"]["energy_out_J"], of["theorem"]["bound_J"])]
+    force = of["motion"]["peak_force_N"]
+    return name, passive, *theorem, "-" if force is None else f"{force:.3g}", ", ".join(sides)
 
 
 def _scaled(value: float | None) -> str:

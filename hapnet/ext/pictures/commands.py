@@ -19,7 +19,7 @@ from hapnet.commands.options import ParamsOptions
 from hapnet.commands.progress import Progress
 from hapnet.errors import InvalidParameter
 from hapnet.installing import require
-from hapnet.loading import only_imported, permitting
+from hapnet.loading import extension, only_imported, permitting
 from hapnet.param_sources import COMMAND
 from hapnet.param_values import flatten
 from hapnet.params import Params
@@ -54,6 +54,9 @@ def report(
     from hapnet.recording.opened import fitting
 
     require("report", "hapnet report")
+    if len(files) == 1 and (of_graph := extension("reports on graphs").run_in(files[0])) is not None:
+        code: int = extension("reports on graphs").report(of_graph, json_to, out, verbose=verbose)
+        return code
     words = output.console(json_to)
     written = output.Written()
     with Progress(output.progress_console(words), "reading"), fitting(files[0]):

@@ -17,7 +17,7 @@ from hapnet.commands import output
 from hapnet.commands.log import Repeats
 from hapnet.commands.progress import Progress
 from hapnet.commands.side import PARENT, catch, exit_code, held_back
-from hapnet.ext.many.graph import Edge, Graph, read_graph
+from hapnet.ext.many.graph import Edge, Graph, Node, read_graph
 from hapnet.ext.many.hands import Change, warnings_of, world_setups
 from hapnet.ext.many.summary import environment_line, graph_verdict, pairs_table, show_verdict
 from hapnet.param_values import toml_value
@@ -72,15 +72,12 @@ def run(
     with held_back(caught):
         edges = {name: found for name in graph.edges if (found := _joined(nodes, graph.edges[name])) is not None}
         written.missing += [f"{name}: {why}" for name, why in nodes.failures.items()]
-        own_parts = {name: nodes.parts.get(name, {}) for name in worlds}
-        of_nodes = {
-            name: {key: part.get(key) for key in ("environment", "reservoirs")} for name, part in own_parts.items()
-        }
+        of_nodes = {node.name: _node(nodes, graph, node) for node in graph.nodes.values()}
         missing = [name for name in graph.edges if name not in edges]
         show_verdict(words, verdict := graph_verdict(edges, of_nodes, missing))
         words.print(pairs_table(edges))
-        for name, own in of_nodes.items():
-            if (line := environment_line(name, len(worlds[name]), own["environment"])) is not None:
+        for name, edges_of in worlds.items():
+            if (line := environment_line(name, len(edges_of), of_nodes[name]["environment"])) is not None:
                 words.print(line, markup=False)
         for name, summary in edges.items():
             written.judge(summary, setups[name].params, virtual=False)
@@ -98,6 +95,14 @@ def _flags(change: Change) -> list[str]:
     values = change(Params()).changes()
     texts = {name: value if isinstance(value, str) else toml_value(value) for name, value in values.items()}
     return [word for name, text in texts.items() for word in ("--set", f"{name}={text}")]
+
+
+def _node(nodes: _Nodes, graph: Graph, node: Node) -> dict[str, Any]:
+    """A node in the summary; its own accounts are as its process wrote them."""
+    found: dict[str, Any] = {"kind": node.kind, "edges": [edge.name for edge in graph.edges_of(node.name)]}
+    if node.kind == "world":
+        found |= {key: nodes.parts.get(node.name, {}).get(key) for key in ("environment", "reservoirs")}
+    return found
 
 
 def _joined(nodes: _Nodes, edge: Edge) -> Summary | None:
