@@ -118,6 +118,33 @@ def test_a_device_that_is_killed_in_contact_lets_go_and_its_seat_is_taken_again(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", ["separate", "pooled"])
+def test_an_empty_seat_is_filled_and_a_group_shares(kind: str, lab: Path, tmp_path: Path) -> None:
+    address, summary = free_address(), tmp_path / "world.json"
+    own = ("--set", "world.seat_refill_s=1", "--set", f"world.reservoir={kind}", "--no-files", "--json", summary)
+    with started("world", "--graph", lab, "-l", address, *own) as world:
+        world.until_line("bob: waiting for the device")
+        with device(lab, "bob", address) as bob:
+            for number in range(3):
+                with device(lab, "alice", address):
+                    world.until("a pair", lambda n=number: sum("alice: paired" in line for line in world.out) == n + 1)
+                    time.sleep(2.0)  # both press the block by now
+            time.sleep(3.0)
+            bob.process.send_signal(signal.SIGTERM)
+            bob.end()
+        world.process.send_signal(signal.SIGTERM)
+        world.end()
+    found = json.loads(summary.read_text())
+    seats = found["reservoirs"]["seats"]
+    assert (found["reservoirs"]["kind"], found["reservoirs"]["seat_refill_s"]) == (kind, 1.0)
+    assert seats["alice"]["refilled_J"] > 0.0
+    assert sum(seat["got_J"] for seat in seats.values()) == pytest.approx(sum(s["given_J"] for s in seats.values()))
+    for name in ("alice", "bob"):
+        account(found["seats"][name])
+    assert found["environment"]["env_slack_J"] >= -1e-9
+
+
+@pytest.mark.slow
 def test_a_device_that_does_not_fit_is_refused_and_its_seat_stays_open(tmp_path: Path) -> None:
     address, summary = free_address(), tmp_path / "world.json"
     with started("world", "--seats", "alice,bob", *SCENE, "-l", address, "--no-files", "--json", summary) as world:

@@ -16,6 +16,7 @@ from hapnet.ext.many.summary import PAIR_HEAD, environment_line, graph_verdict, 
 from hapnet.loading import extension
 from hapnet.recording.opened import fitting
 from hapnet.side.endpoint import NANO
+from hapnet.summary.verdict import ROUNDING_J
 
 PAGE = "report.html"
 _MOST_BYTES = 100_000_000
@@ -153,4 +154,4 @@ def _of_nodes(nodes: Mapping[str, Any]) -> tuple[list[tuple[str, ...]], list[tup
 
 
 def _milli(value: float | None) -> str:
-    return "-" if value is None else f"{1e3 * value:.4g}"
+    return "-" if value is None else "0" if abs(value) < ROUNDING_J else f"{1e3 * value:.4g}"
