@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.reservoirs import SeatAccount
 from hapnet.ext.many.run import GraphSimulation
 from hapnet.side.endpoint import NANO
 from hapnet.simulation.simulation import Simulation
 from tests.many.test_killed_devices import Seen, run
+from tests.support.carrying_hands import Carrier
 from tests.support.restarted_devices import Device
 
 REFILL_S, CEILING_J = 5.0, 0.05
@@ -118,6 +120,36 @@ def test_0_means_never(refill_s: float, fills: bool) -> None:
         watched.devices[0].kill()
         watched.go_on(4.0)
         assert (watched.seats[0].refilled_J > 0.0) is fills
+
+
+def test_among_walls_each_seat_has_only_what_its_own_walls_have_dissipated() -> None:
+    hands = {"one": Carrier(0, -1.0), "other": Carrier(0, -1.0)}
+    nodes = {name: {"kind": "device", "operator": "rest"} for name in hands}
+    edges = [{"from": name, "to": "room", "link": "delay 20ms"} for name in hands]
+    room = {"kind": "world", "scene": "wall", "dof": 3, "world": {"seat_refill_s": 1.0}}
+    simulation = GraphSimulation(graph_of({"nodes": {**nodes, "room": room}, "edges": edges}), hands=hands)
+    one = Device(simulation, "one-room")
+    port = Port(one.pair)
+
+    def go_on(seconds: float) -> None:
+        simulation._reach(simulation.now_ns + round(seconds / NANO))
+
+    go_on(4.0)
+    for _ in range(4):
+        one.kill()
+        go_on(0.4)  # the newcomer takes half of what the seat has
+        one.start()
+        go_on(0.6)
+    one.kill()
+    coupling, account = one.pair.world_endpoint.coupling, one.pair.world.environment
+    before = coupling.reservoir
+    go_on(3.0)
+    given = next(iter(simulation._world_of.values())).reservoirs.accounts[one.pair.world].refilled_J
+    assert 0.0 < given <= -port.work + 1e-15  # the walls' springs have given back all that they had
+    assert coupling.ledger.work == pytest.approx(port.work + given, abs=1e-12)
+    assert account.slack_min >= -1e-12
+    assert coupling.ledger.slack_min >= -1e-12
+    assert coupling.reservoir == pytest.approx(before + given, rel=1e-3)  # no spring pulls harder at who has left
 
 
 @pytest.mark.soak

@@ -115,6 +115,7 @@ class Reservoirs:
         modulator = coupling.modulator
         energy = min(modulator.ceiling - modulator.energy, share * dissipated_J(side))
         if energy > 0.0:
+            coupling.rest()  # else the spring would take it, to come nearer to the last set-position of who has left
             _put_in(side, coupling, energy)
             self.accounts[side].refilled_J += energy
 
