@@ -5,6 +5,7 @@ from functools import cache
 import pytest
 
 from hapnet.errors import InvalidParameter
+from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.run import GraphResult, GraphSimulation
 from tests.many.test_hostile_seat import HOLDING
 from tests.many.test_refilled_seats import Port
@@ -68,3 +69,12 @@ def test_a_law_without_reservoirs_has_none_to_share(law: str) -> None:
     graph = graph_around(hands, "pooled", 1.0)
     with pytest.raises(InvalidParameter, match=rf"world\.reservoir is 'pooled'.*separate with the coupling {law}"):
         GraphSimulation(graph, change=lambda params: params.set({"coupling": law}))
+
+
+def test_an_engines_hands_share_no_reservoir() -> None:
+    """The engine keeps the account of its proxies, so no energy can pass between them beside it."""
+    world = {"kind": "world", "scene": "mujoco:examples/graphs/carried_box.xml", "world": {"reservoir": "pooled"}}
+    nodes = {name: {"kind": "device", "operator": "rest"} for name in ("one", "other")}
+    edges = [{"from": name, "to": "table", "proxy": side} for name, side in zip(nodes, ("left", "right"), strict=True)]
+    with pytest.raises(InvalidParameter, match=r"world\.reservoir is 'pooled'.*the engine keeps the account"):
+        GraphSimulation(graph_of({"nodes": {**nodes, "table": world}, "edges": edges}))

@@ -37,6 +37,11 @@ class JointWorld(ABC):
         return 0.0
 
     @property
+    def dissipated_J(self) -> float:
+        """The energy that its bodies have dissipated for certain, beside what the seats have got; 0: it is unknown."""
+        return 0.0
+
+    @property
     def observed(self) -> Observed | None:
         """The account of its observer; None: its bodies are passive by design."""
         return None
@@ -64,6 +69,11 @@ class JointWorld(ABC):
         if (observed := self.observed) is not None:
             found |= {"env_given_J": observed.given_J, "env_paid_J": observed.paid_J}
         return found
+
+
+def dissipated_J(account: EnvironmentAccount, work: float) -> float:
+    """The energy that has been dissipated where this work was put in at the hands [J]."""
+    return account.supplied_J - work - (account.stored_J - account.start_J)
 
 
 class JointSeat(WorldDefaults):

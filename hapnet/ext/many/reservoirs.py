@@ -35,9 +35,11 @@ from typing import Any
 from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import registry
 from hapnet.errors import InvalidParameter
-from hapnet.ext.many.shared import Seat
+from hapnet.ext.many import joint
+from hapnet.ext.many.joint import JointSeat
 from hapnet.mechanics import spring as springs
 from hapnet.params import Params
+from hapnet.plant.worlds.protocol import World
 from hapnet.records.vectors import added
 from hapnet.side.endpoint import NANO
 from hapnet.side.world import WorldSide
@@ -75,12 +77,16 @@ class Reservoirs:
         self.accounts: dict[WorldSide, SeatAccount] = {}
 
     @classmethod
-    def of(cls, params: Params) -> Reservoirs:
-        """With the parameters of one of the world's pairs. Raises InvalidParameter: the coupling has no reservoirs."""
+    def of(cls, params: Params, scene: World) -> Reservoirs:
+        """With the parameters and the scene of one of the world's pairs. Raises InvalidParameter: its energy cannot be
+        shared, as the coupling has no reservoirs, or an engine keeps the account of its proxies."""
         spec = registry.known(params.coupling)
         has_own = spec is not None and spec.halves and spec.continuous is not None  # only with PSPM at both ends
         if params.world.reservoir == POOLED and not has_own:
             allowed = f"{SEPARATE} with the coupling {params.coupling}: it has no PSPM at the world"
+            raise InvalidParameter("world.reservoir", POOLED, allowed)
+        if params.world.reservoir == POOLED and isinstance(scene, JointSeat) and scene.shared.observed is not None:
+            allowed = f"{SEPARATE} in the scene {params.scene}: the engine keeps the account of its proxies"
             raise InvalidParameter("world.reservoir", POOLED, allowed)
         return cls(params.world.seat_refill_s, pooled=params.world.reservoir == POOLED)
 
@@ -158,16 +164,14 @@ def is_heard(session: Session, now_ns: int) -> bool:
 
 
 def dissipated_J(side: WorldSide) -> float:
-    """The energy that the environment of this side has dissipated, and that no seat has got [J]; shared blocks with all
+    """The energy that the environment of this side has dissipated, and that no seat has got [J]; shared bodies with all
     hands."""
     scene, account = side.scene, side.environment
-    if isinstance(scene, Seat):
-        account, work = scene.shared.account, added([seat.work for seat in scene.shared.seats])
-    else:
-        work = side.mass.port_J(side.coupling.ledger.work)
+    if isinstance(scene, JointSeat):
+        return scene.shared.dissipated_J
     if account is None:
         return 0.0
-    return account.supplied_J - work - (account.stored_J - account.start_J)
+    return joint.dissipated_J(account, side.mass.port_J(side.coupling.ledger.work))
 
 
 def _reservoir(side: WorldSide) -> SetPositionCoupling | None:
@@ -182,7 +186,7 @@ def _put_in(side: WorldSide, coupling: SetPositionCoupling, energy: float) -> No
     coupling.modulator.energy += energy
     coupling.account = coupling.modulator.account
     coupling.ledger.put_in(energy)
-    if isinstance(side.scene, Seat):
+    if isinstance(side.scene, JointSeat):
         side.scene.work = side.mass.port_J(coupling.ledger.work)
 
 

@@ -47,7 +47,7 @@ class _World:
 
     def __init__(self, pairs: list[Simulation]) -> None:
         self.pairs = pairs
-        self.reservoirs = Reservoirs.of(pairs[0].setup.params)
+        self.reservoirs = Reservoirs.of(pairs[0].setup.params, pairs[0].setup.scene)
         sides = [(pair.world, pair.world_endpoint.session) for pair in pairs]
         self._joint = JointSteps(sides, self.reservoirs if len(pairs) > 1 else None)
 

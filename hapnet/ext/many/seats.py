@@ -126,7 +126,8 @@ class SeatedWorld:
         records: Mapping[str, Path],
         notify: Callable[[str, Notice], None],
     ) -> None:
-        self._reservoirs = Reservoirs.of(next(iter(setups.values())).params)
+        first = next(iter(setups.values()))
+        self._reservoirs = Reservoirs.of(first.params, first.scene)
         loop = JointLoop(self._reservoirs if len(setups) > 1 else None)
         self.sides: dict[str, RealtimeSide] = {}
         self.failures: dict[str, str] = {}

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.blocks import Block, Blocks, Free
-from hapnet.ext.many.joint import JointSeat, JointWorld
+from hapnet.ext.many.joint import JointSeat, JointWorld, dissipated_J
 from hapnet.ext.many.turning import TurningBlocks
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.properties import Properties, kind_of
@@ -32,6 +32,7 @@ from hapnet.plant.integrator import OWN, PassiveIntegrator, drive, factored, sol
 from hapnet.plant.worlds.picture import GREY, Part, Touch, at_rest, shared
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
+from hapnet.records.vectors import added
 
 WORD = "shared"
 FIRST_WORDS = (f"{WORD}:block",)
@@ -91,6 +92,11 @@ class SharedWorld(JointWorld):
         """The energy in all motion and all springs."""
         seats = [seat for seat in self.seats if isinstance(seat, Seat)]
         return self.blocks.stored_J({seat.number: seat.in_world(seat.mass.x) for seat in seats})
+
+    @property
+    def dissipated_J(self) -> float:
+        """The energy that drag, contacts and friction have dissipated, beside what the seats have got."""
+        return dissipated_J(self.account, added([seat.work for seat in self.seats]))
 
 
 class Seat(JointSeat):
