@@ -232,7 +232,7 @@ class FollowerParams(Section):
 @dataclass(frozen=True)
 class ContactModelParams(Section):
     """The local contact model at the device, and the world's prediction of the device. `hapnet tune` found the values,
-    except for three that do not matter in its cases: `fade_s`, `shift_s`, `reach_m`.
+    except for `fade_s`, `shift_s` and `reach_m`, which do not matter in its cases, and `delayed_stiffness`.
 
     hapnet/couplings/rendering.py lists the rules that use them.
     """
@@ -254,6 +254,10 @@ class ContactModelParams(Section):
         "time constant with which the predicted motion dies away behind a plane [s]; 0: it does not",
         _NOT_NEGATIVE,
     )
+    delayed_stiffness: float = _p(
+        100.0, "largest stiffness with which a world that cannot send planes is felt, through its delayed proxy [N/m]",
+        _POSITIVE,
+    )  # fmt: skip
     yields_below: float = _p(0.8, "the lead shrinks below this level of the world's reservoir; 0: never",
                              Range(at_least=0.0, at_most=1.0))  # fmt: skip
 

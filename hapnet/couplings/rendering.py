@@ -18,7 +18,8 @@ y or add dissipation, so Theorem 1 holds with both.
 | a tool in contact | y is near the tool, and the hand's motion is not predicted | set_position_steps.py |
 | the lead yields | below the level `contact_model.yields_below` of the world's reservoir, over 3 s | (below) |
 
-A world that cannot send planes is felt through its delayed proxy, with 100 N/m at most: a stiffer spring rings.
+A world that cannot send planes is felt through its delayed proxy, with `contact_model.delayed_stiffness` at most (100
+N/m): a stiffer spring rings.
 A plane must be sent before a hand of any speed reaches it. If the world's reservoir stays low for seconds, the hand
 pays for the energy that the walls dissipate: the lead shrinks in proportion. In contact the hand feels only the wall.
 """
@@ -42,7 +43,6 @@ from hapnet.control.self_motion import SelfMotion
 from hapnet.control.set_position_steps import ToolInContact
 from hapnet.couplings.link_delays import Delays
 from hapnet.couplings.spec import RENDERED_DAMPING, Between, CouplingStart
-from hapnet.couplings.stiffness import PAPERS
 from hapnet.params import Params
 from hapnet.units import POSE_AXES
 
@@ -132,7 +132,7 @@ def at_device(start: CouplingStart[RenderingTuning]) -> ContactModel | None:
 
 def share_without_planes(params: Params) -> float:
     """The share of the device's stiffness with which a world that cannot send planes is felt."""
-    return min(1.0, PAPERS / largest(params.device.stiffness))
+    return min(1.0, params.contact_model.delayed_stiffness / largest(params.device.stiffness))
 
 
 def reach(start: CouplingStart[RenderingTuning]) -> tuple[float, float]:

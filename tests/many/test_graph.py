@@ -59,8 +59,14 @@ BAD = {
     "an edge that is no table": ("edges = [1]\n" + NODES, ["edges[0] is 1", "[[edges]] with from and to"]),
     "kind": (changed('"device"', '"devise"'), ["nodes.alice.kind 'devise'", "did you mean device?"]),
     "kind in a list": (changed('"device"', '["device"]'), ["nodes.alice.kind ['device']", "device"]),
-    "kind in a table": (changed('"device"', "{a = 1}"), ["nodes.alice.kind is {'a': 1}", "allowed: device or world"]),
-    "no kind": (changed('kind = "device"', 'operator = "rest"'), ["nodes.alice.kind is None", "device or world"]),
+    "kind in a table": (
+        changed('"device"', "{a = 1}"),
+        ["nodes.alice.kind is {'a': 1}", "world or follower"],
+    ),
+    "no kind": (
+        changed('kind = "device"', 'operator = "rest"'),
+        ["nodes.alice.kind is None", "world or follower"],
+    ),
     "a node's name": (
         GOOD.replace("nodes.alice", "nodes.Alice").replace('"alice"', '"Alice"'),
         ["nodes is 'Alice'", "allowed: names other than free of small letters"],
@@ -70,15 +76,15 @@ BAD = {
     "from a world": (changed('from = "alice"', 'from = "table"'), ["edges[0].from is 'table'", "alice, bob"]),
     "no from": (changed('from = "alice"\n', ""), ["edges[0].from is None", "allowed: a device", "alice, bob"]),
     "a node twice": (GOOD + '[nodes.alice]\nkind = "device"\n', ["Cannot declare", "alice", "twice", "line 19"]),
-    "two edges of a device": (
+    "two edges between the same nodes": (
         GOOD + '[[edges]]\nfrom = "alice"\nto = "table"\nname = "more"\n',
-        ["nodes.alice is '2 edges'", "allowed: one edge"],
+        ["edges.more is 'another edge to table'", "allowed: one edge from alice to table"],
     ),
     "the same edge twice": (
         GOOD + '[[edges]]\nfrom = "alice"\nto = "table"\n',
         ["edges[2].name is 'alice-table'", "allowed: a name that no other edge has"],
     ),
-    "a device without an edge": (GOOD + '[nodes.eve]\nkind = "device"\n', ["nodes.eve is '0 edges'", "one edge"]),
+    "a device without an edge": (GOOD + '[nodes.eve]\nkind = "device"\n', ["nodes.eve is '0 edges'", "1 to 64 edges"]),
     "a world without an edge": (GOOD + '[nodes.shelf]\nkind = "world"\n', ["nodes.shelf is '0 edges'", "1 to 64"]),
     "65 edges": (GOOD + MANY, ["nodes.table is '65 edges'", "allowed: 1 to 64 edges"]),
     "key of a device": (changed('"device"', '"device"\noperater = 1'), ["nodes.alice 'operater'", "mean operator?"]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from hapnet.assembly.build import Setup, prepare
+from hapnet.assembly.build import Setup
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import WATCH, Edge, Graph, about
@@ -13,6 +13,7 @@ from hapnet.ext.many.joint import JointSeat
 from hapnet.ext.many.models import seats_in_model
 from hapnet.ext.many.reservoirs import Reservoirs, is_heard
 from hapnet.ext.many.shared import Seat
+from hapnet.ext.many.shares import checked, prepared
 from hapnet.param_sources import RULE
 from hapnet.params import Params
 from hapnet.plant.worlds.protocol import World
@@ -28,6 +29,15 @@ ADMISSION: Mapping[str, object] = {"wire.admission_W": 1.0, "wire.admission_burs
 hold: a block of 0.2 kg at up to 1.6 m/s with the admission for one hand, at 0.75 m/s with this."""
 
 
+def graph_setups(graph: Graph, change: Change) -> dict[str, Setup]:
+    """The setups of all edges, by their names. Raises InvalidParameter: they do not fit each other."""
+    found: dict[str, Setup] = {}
+    for node in graph.nodes:
+        edges = graph.led_to(node)
+        found |= zip([edge.name for edge in edges], world_setups(graph, edges, change), strict=True)
+    return checked(graph, found)
+
+
 def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Setup]:
     """The setups of the edges of one world. Raises InvalidParameter: the world has no room for its hands."""
     made: list[Setup] = []
@@ -37,7 +47,7 @@ def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Se
             params = change(graph.pair(edge))
             if len(edges) > 1:
                 params = params.set({name: value for name, value in ADMISSION.items() if not params.asked(name)}, RULE)
-            setup = prepare(params, "sampled")
+            setup = prepared(graph, edge, params)
         if len(edges) > 1 or edge.at or edge.proxy:
             scenes = seats_in_model(setup, edges) if not number else scenes
             world = made[0].scene if made else setup.scene

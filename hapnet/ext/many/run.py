@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from heapq import heapify, heappop, heappush
 from typing import Any
 
 import numpy as np
 
+from hapnet.assembly.build import Setup
 from hapnet.control.two_port import begin
 from hapnet.errors import HapnetError
+from hapnet.ext.many.bodies import Body, EdgeEnds
 from hapnet.ext.many.graph import Edge, Graph
-from hapnet.ext.many.hands import Change, JointSteps, world_setups
+from hapnet.ext.many.hands import Change, JointSteps, graph_setups
 from hapnet.ext.many.reservoirs import Reservoirs
+from hapnet.ext.many.shared_bodies import bind, bodies_of
 from hapnet.ext.many.summary import graph_summary
 from hapnet.plant.operator import Operator
 from hapnet.records.record import NEVER
@@ -82,27 +86,30 @@ class GraphSimulation:
         hands: Mapping[str, Operator] | None = None,
     ) -> None:
         self.graph, self.seed = graph, seed
-        self._change, self._hands = change, hands or {}
-        made: dict[str, Simulation] = {}
-        self._world_of: dict[str, _World] = {}
-        for node in graph.nodes.values():
-            if node.kind == "world":
-                of_world = self._of_world(graph.edges_of(node.name))
-                made |= of_world
-                self._world_of |= dict.fromkeys(of_world, _World(list(of_world.values())))
-        self.pairs: dict[str, Simulation] = {name: made[name] for name in graph.edges}
-        self.duration_s: float = next(iter(made.values())).setup.params.duration_s  # the same for all
+        self._hands = hands or {}
         self.now_ns = 0
+        setups = graph_setups(graph, change)
+        self.bodies: dict[str, Body] = bodies_of(graph, setups, change, self._hands, lambda: self.now_ns)
+        self.pairs: dict[str, Simulation] = {
+            edge.name: self._pair(number, edge, setups[edge.name]) for number, edge in enumerate(graph.edges.values())
+        }
+        self._world_of: dict[str, _World] = {}
+        for node in graph.nodes:
+            pairs = {edge.name: self.pairs[edge.name] for edge in graph.led_to(node)}
+            self._world_of |= dict.fromkeys(pairs, _World(list(pairs.values())))
+            bind(self.bodies.get(node), pairs.values())
+        self.duration_s: float = next(iter(setups.values())).params.duration_s  # the same for all
 
-    def _of_world(self, edges: list[Edge]) -> dict[str, Simulation]:
-        """The pairs of a world, by their edges' names."""
-        made, numbers = {}, {name: number for number, name in enumerate(self.graph.edges)}
-        for edge, setup in zip(edges, world_setups(self.graph, edges, self._change), strict=True):
-            setup, number = replace(setup, hand=self._hands.get(edge.device)), numbers[edge.name]
-            seed = self.seed if not number else int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
-            pair = made[edge.name] = Simulation(setup.params, seed, setup, kernel=False)
-            pair.about["graph"] = {"edge": edge.name, "world": edge.world, "hands": len(edges), "seed": self.seed}
-        return made
+    def _pair(self, number: int, edge: Edge, setup: Setup) -> Simulation:
+        """The pair of an edge."""
+        setup = replace(setup, hand=self._hands.get(edge.device))
+        if edge.device in self.bodies:
+            setup = replace(setup, ends=EdgeEnds(self.bodies[edge.device]))
+        seed = self.seed if not number else int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
+        pair = Simulation(setup.params, seed, setup, kernel=False)
+        hands = len(self.graph.led_to(edge.world))
+        pair.about["graph"] = {"edge": edge.name, "world": edge.world, "hands": hands, "seed": self.seed}
+        return pair
 
     def run(self, progress: Callable[[float], None] | None = None) -> GraphResult:
         """Run to the end, then let the links deliver what is in flight.
@@ -153,18 +160,32 @@ class GraphSimulation:
 
     def _run(self, end_ns: int, done: Callable[[], bool]) -> None:
         """Run the earliest event of all pairs, until nothing is due by `end_ns`, or the run is `done`."""
-        pairs = list(self.pairs.items())
+        pairs, worlds = list(self.pairs.values()), [self._world_of[name] for name in self.pairs]
+        of_world = {id(world): [k for k, other in enumerate(worlds) if other is world] for world in worlds}
+        next_of = [self._next(k, pair) for k, pair in enumerate(pairs)]
+        due = next_of.copy()
+        heapify(due)
         while not done():
-            now_ns, kind, k = min(
-                (max(self.now_ns, pair.clock.due[kind]), kind, k)
-                for k, (_, pair) in enumerate(pairs)
-                for kind in (events.earliest(pair.clock.due),)
-            )
+            event = due[0]
+            now_ns, kind, k = event
+            if event is not next_of[k]:
+                heappop(due)  # since then another event of this pair has come to be due
+                continue
             if now_ns > end_ns:
                 return
-            self.now_ns, (name, pair) = now_ns, pairs[k]
+            self.now_ns = now_ns
             if kind == events.STEP:
-                self._world_of[name].step(now_ns)
+                worlds[k].step(now_ns)
+                changed = of_world[id(worlds[k])]
             else:
-                pair.clock.now_ns = now_ns
-                events.happen(pair, kind, now_ns)
+                pairs[k].clock.now_ns = now_ns
+                events.happen(pairs[k], kind, now_ns)
+                changed = [k]
+            for k in changed:
+                next_of[k] = self._next(k, pairs[k])
+                heappush(due, next_of[k])
+
+    def _next(self, k: int, pair: Simulation) -> tuple[int, int, int]:
+        """The next event of pair `k`: when it is due [ns], its kind, and `k`."""
+        kind = events.earliest(pair.clock.due)
+        return max(self.now_ns, pair.clock.due[kind]), kind, k

@@ -14,7 +14,7 @@ of 1 ms at most. The account counts the force that the servo really applied, as 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,16 @@ class Mechanics(NamedTuple):
     servo_damping: float = 0.0
 
 
+class Outside(Protocol):
+    """What else acts on the robot, in its own units: a hand that holds it, other robots that it leads."""
+
+    put_in_J: float
+    """Its work on the robot so far [J]."""
+
+    def acts(self, dt: float, position: Vector) -> tuple[Vector, float]:
+        """Its push [N] and its drag [Ns/m] in the next `dt` seconds, from `position` [m] on."""
+
+
 class Robot(Mass):
     """The robot among its contacts, in the leader's units: the `Mass` of a follower.
 
@@ -71,6 +81,8 @@ class Robot(Mass):
         self.body, self.frame = body, frame
         self.contacts = contacts
         self._own, self._resolution = own, resolution
+        self.outside: Outside | None = None
+        """What else acts on it besides its leader and the contacts; only with a held force, and without an engine."""
         self.held, self._engine, self._here = held, engine, here
         self.done_J = 0.0
         """Work put in at the actuator's port, with true positions [J]."""
@@ -134,9 +146,18 @@ class Robot(Mass):
             pull, brake = (held, 0.0) if aim is None else self._serve(part, aim)
             known = tuple([one + touch for one, touch in zip(pull, self._touched, strict=True)])
             others = own_drag + brake
+            acting, push, hold = pull, pull, 0.0
+            if self.outside is not None:
+                push, hold = self.outside.acts(part, self.body.position)
+                acting = tuple([one + more for one, more in zip(pull, push, strict=True)])
+                known = tuple([one + more for one, more in zip(known, push, strict=True)])
+                others += hold
             rubs = friction_drag(own.friction, own.mass, others, part, self.body.velocity, known)
-            done = self.body.push(part, others + rubs, pull, self.contacts)
+            done = self.body.push(part, others + rubs, acting, self.contacts)
             self._touched = done.force
+            if self.outside is not None:
+                moving = done.velocity
+                self.outside.put_in_J += part * (inner(push, moving) - hold * inner(moving, moving))
             servo = [one - brake * v for one, v in zip(pull, done.velocity, strict=True)]
             for i, f in enumerate(done.force):
                 force[i] += f / count
@@ -216,7 +237,10 @@ class RobotContacts(Surroundings):
 
     @property
     def supplied_J(self) -> float:
-        return self._robot.frame.energy * self._contacts.supplied_J
+        """Work of its moved contacts, and of what else acts on the robot."""
+        outside = self._robot.outside
+        by_others = 0.0 if outside is None else outside.put_in_J
+        return self._robot.frame.energy * (self._contacts.supplied_J + by_others)
 
     @property
     def observed(self) -> Observed | None:

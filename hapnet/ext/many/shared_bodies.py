@@ -1,0 +1,65 @@
+"""Makes the bodies of a graph: of devices with several edges, of followers that lead others or are held by a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from hapnet.assembly.build import Setup, prepare
+from hapnet.assembly.operators import operator
+from hapnet.assembly.simulated_device import simulated_device
+from hapnet.ext.many.bodies import Body, HeldBody, RobotBody
+from hapnet.ext.many.graph import DEVICE, FOLLOWER, Edge, Graph, Node, about
+from hapnet.ext.many.shares import is_shared
+from hapnet.ext.robots.follower import Robot
+from hapnet.params import Params
+from hapnet.plant.operator import Operator
+from hapnet.simulation.simulation import Simulation
+
+
+def bodies_of(
+    graph: Graph,
+    setups: Mapping[str, Setup],
+    change: Callable[[Params], Params],
+    hands: Mapping[str, Operator],
+    clock: Callable[[], int],
+) -> dict[str, Body]:
+    """The bodies by the names of their nodes. setups : of the edges. hands : in place of the nodes' operators.
+
+    Raises InvalidParameter: a hand is not valid.
+    """
+    found: dict[str, Body] = {}
+    for node in graph.nodes.values():
+        leads = graph.led_by(node.name)
+        if node.kind == DEVICE and is_shared(graph, leads[0]):
+            found[node.name] = _held(graph, leads[0], change, hands.get(node.name), clock)
+        elif node.kind == FOLLOWER and (leads or node.is_held):
+            found[node.name] = _robot(graph, node, setups[graph.led_to(node.name)[0].name], hands.get(node.name))
+    return found
+
+
+def _held(
+    graph: Graph, edge: Edge, change: Callable[[Params], Params], hand: Operator | None, clock: Callable[[], int]
+) -> HeldBody:
+    """The whole device of which this edge has a share."""
+    with about(f"edges.{edge.name}"):
+        setup = prepare(change(graph.pair(edge)), "sampled")
+        device = replace(setup.params.device, force_limit_N=0.0)
+        whole = replace(setup.params, device=device)
+        return HeldBody(simulated_device(whole, setup.scene, hand or operator(whole, setup.scene)), clock)
+
+
+def _robot(graph: Graph, node: Node, setup: Setup, hand: Operator | None) -> RobotBody:
+    if hand is None and node.is_held:
+        with about(f"nodes.{node.name}"):
+            hand = operator(graph.hand(node), setup.scene)
+    return RobotBody(setup.scene.start, hand)
+
+
+def bind(body: Body | None, pairs: Iterable[Simulation]) -> None:
+    """Let the body of a follower have the robot of its leader's pair."""
+    if isinstance(body, RobotBody):
+        for pair in pairs:
+            robot = pair.world.mass
+            assert isinstance(robot, Robot), "a follower moves a robot"
+            body.robot, robot.outside = robot, body
