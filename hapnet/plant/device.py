@@ -81,6 +81,8 @@ class SimulatedDevice(Record):
     Raises InvalidParameter: a value is not allowed.
     """
 
+    may_wait: ClassVar[bool] = True
+    """Whether ticks without news may be computed later, several at once."""
     cuts_force: ClassVar[bool] = False
     """Whether the actuators may hold less than `apply` returns; after a tick `state.torque` is the force they held."""
 

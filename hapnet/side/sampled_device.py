@@ -110,7 +110,7 @@ class SampledDeviceSide(DeviceSide):
         if self._simulated is not None:
             self.held = HeldDevice(self._simulated, servo, self.hand)
             self._skippable_dt = max(self.drive.period_ns * NANO, self._simulated.period)
-            self._skippable_ticks = servo.skippable_ticks
+            self._skippable_ticks = servo.skippable_ticks if self._simulated.may_wait else None
             if self._watch is None:
                 self._follow = getattr(servo, "follow", None)
 

@@ -48,6 +48,132 @@ def one_hand(scene: str, dof: int = 3) -> str:
     return text.replace("at = [-0.06, 0, 0]\n", "").replace("at = [0.06, 0, 0]\n", "")
 
 
+LED = """duration_s = 0.2
+scene = "free"
+dof = 3
+[nodes.alice]
+kind = "device"
+[nodes.bob]
+kind = "follower"
+[nodes.carl]
+kind = "follower"
+[[edges]]
+from = "alice"
+to = "bob"
+[[edges]]
+from = "alice"
+to = "carl"
+"""
+LEADS = LED.replace('from = "alice"\nto = "carl"', 'from = "bob"\nto = "carl"')
+HELD = LED.replace('"follower"', '"follower"\noperator = "rest"')
+
+
+def led(old: str, new: str, text: str = LED) -> str:
+    """The graph of a teacher with two followers, or of a chain, with the first `old` replaced by `new`."""
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+UNFELT = led('to = "bob"', 'to = "bob"\nforce = false')
+BAD_LEADERS = {
+    "shares above 1": (
+        led('to = "bob"', 'to = "bob"\nshare = 0.7'),
+        ["nodes.alice: the sum of its shares is 1.2", "add up to at most 1 (alice-bob 0.7, alice-carl 0.5"],
+    ),
+    "a share of 0": (led('to = "bob"', 'to = "bob"\nshare = 0'), ["edges[0].share is 0", "above 0, up to 1"]),
+    "a share above 1": (led('to = "bob"', 'to = "bob"\nshare = 1.5'), ["edges[0].share is 1.5", "above 0, up to 1"]),
+    "a share in words": (led('to = "bob"', 'to = "bob"\nshare = "half"'), ["edges[0].share is 'half'", "0.25"]),
+    "true as a share": (led('to = "bob"', 'to = "bob"\nshare = true'), ["edges[0].share is True", "0.25"]),
+    "nan as a share": (led('to = "bob"', 'to = "bob"\nshare = nan'), ["edges[0].share is nan", "0.25"]),
+    "force in words": (led('to = "bob"', 'to = "bob"\nforce = "no"'), ["edges[0].force is 'no'", "true or false"]),
+    "a wrong word of an edge": (led('to = "bob"', 'to = "bob"\nshares = 1'), ["edges[0] 'shares'", "mean share?"]),
+    "a follower without a leader": (
+        LED + '[nodes.dora]\nkind = "follower"\n',
+        ["nodes.dora is 'a follower with 0 leaders and 0 edges'", "allowed: one leader"],
+    ),
+    "a follower with two leaders": (
+        LED + '[[edges]]\nfrom = "bob"\nto = "carl"\n',
+        ["nodes.carl is 'a follower with 2 leaders and 0 edges'", "allowed: one leader"],
+    ),
+    "a follower that leads itself": (led('from = "alice"', 'from = "bob"'), ["edges[0].to is 'bob'", "another node"]),
+    "a cycle that no hand leads": (
+        led('from = "alice"', 'from = "carl"', led('"alice"\nto = "carl"', '"bob"\nto = "carl"'))
+        + '[nodes.dora]\nkind = "follower"\n[[edges]]\nfrom = "alice"\nto = "dora"\n',
+        ["nodes.bob is 'in a cycle of followers: bob, carl'", "allowed: a hand that leads them"],
+    ),
+    "at of a follower": (led('to = "bob"', 'to = "bob"\nat = [0, 0, 0]'), ["edges[0].at is", "follower.start"]),
+    "rights at a follower": (
+        led('to = "bob"', 'to = "bob"\nrights = "watch"'),
+        ["edges.alice-bob.rights is 'watch'", "left out"],
+    ),
+    "a world leads": (
+        LED + '[nodes.table]\nkind = "world"\n[[edges]]\nfrom = "table"\nto = "bob"\n',
+        ["edges[2].from is 'table'", "a device or a follower of [nodes]: alice, bob, carl"],
+    ),
+    "other axes": (
+        led('[nodes.bob]\nkind = "follower"', '[nodes.bob]\nkind = "follower"\ndof = 2'),
+        ["edges.alice-carl is '3 axes in m'", "allowed: 2 axes in m, as alice-bob has at alice"],
+    ),
+    "other units": (
+        led('[nodes.bob]\nkind = "follower"', '[nodes.bob]\nkind = "follower"\nscene = "joints"'),
+        ["edges.alice-carl is '3 axes in m'", "in rad, as alice-bob has at alice"],
+    ),
+    "other axes in a chain": (
+        led('[nodes.bob]\nkind = "follower"', '[nodes.bob]\nkind = "follower"\ndof = 2', LEADS),
+        ["edges.bob-carl is '3 axes in m'", "allowed: 2 axes in m, as alice-bob has at bob"],
+    ),
+    **{
+        f"{law} with shares": (
+            f'coupling = "{law}"\n' + LED,
+            [f"coupling is '{law}'", "pspm or zoh where a node leads"],
+        )
+        for law in ("pd", "wave", "tdpa")
+    },
+    "a law that acts within the step of a leader": (
+        'coupling = "wave"\n' + LEADS,
+        ["edges.alice-bob: coupling is 'wave'", "pspm or zoh, with a held force, where the follower leads others"],
+    ),
+    "a law that acts within the step of a held follower": (
+        'coupling = "wave"\n' + led('"follower"', '"follower"\noperator = "rest"'),
+        ["edges.alice-bob: coupling is 'wave'", "where a hand holds the follower"],
+    ),
+    "a law without the account that an unfelt edge needs": (
+        'coupling = "zoh"\n' + UNFELT,
+        ["edges.alice-bob: coupling is 'zoh'", "pspm with force = false"],
+    ),
+    "a device of joints with shares": (
+        led('kind = "device"', 'kind = "device"\nhardware = "omni"'),
+        ["hardware is 'omni'", "allowed: simulated where a node leads with a share, as alice does"],
+    ),
+    "the range harvest with shares": (
+        led('kind = "device"', 'kind = "device"\ndevice.harvest = "range"\ndevice.own_damping = 5.0'),
+        ["device.harvest is 'range'", "allowed: measured where a node leads with a share"],
+    ),
+    "a tool with shares": (led('"free"', '"tool:box"').replace("dof = 3\n", ""), ["scene is 'tool:box'", "a tool"]),
+    "a measured force without a spring": (
+        'follower.feedback = "force"\n' + UNFELT,
+        ["follower.feedback is 'force'", "allowed: position with force = false"],
+    ),
+    "a measured force of a hand": (
+        'follower.feedback = "force"\n' + HELD,
+        ["follower.feedback is 'force'", "a hand holds"],
+    ),
+    "a hand's impedance without a hand": (
+        led('"follower"', '"follower"\noperator_model.mass = 0.1'),
+        ["nodes.bob is 'operator_model.mass'", "left out without operator"],
+    ),
+    "a hand that is not there": (led('"follower"', '"follower"\noperator = "sein"'), ["nodes.bob: operator", "sine?"]),
+    "a leader's mass": (
+        led('"follower"', '"follower"\ndevice.mass = 0.1', LEADS),
+        ["nodes.bob: device.mass is 0.1", "left out: a follower leads with its robot's own, follower.mass"],
+    ),
+    "key of a follower": (led('"follower"', '"follower"\nhardware = "omni"'), ["nodes.bob is 'hardware'", "follower:"]),
+    "a robot that is not simulated": (
+        led('"follower"', '"follower"\nfollower.robot = "franka:1"'),
+        ["follower.robot", "simulated"],
+    ),
+}
+
 BAD = {
     "empty": ("", ["nodes is None", "allowed: a table", "[nodes.alice]"]),
     "no nodes": ('[[edges]]\nfrom = "a"\nto = "b"\n', ["nodes is None", "allowed: a table"]),
@@ -207,6 +333,7 @@ BAD = {
         changed(SHARED, "wall").replace("at = [0.06, 0, 0]", 'rights = "watch"'),
         ["edges.bob-table.rights is 'watch'", "left out in the scene wall"],
     ),
+    **BAD_LEADERS,
     "duration": (changed("0.2", "-1"), ["duration_s is -1.0", "allowed: 0 to"]),
     "TOML": (GOOD + "x = = 1\n", ["g.toml", "line 19"]),
     "binary": ("\0\1\2", ["g.toml", "a TOML file with nodes and edges"]),

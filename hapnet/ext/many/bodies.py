@@ -8,7 +8,7 @@ measures the work of just the force that it holds, and the damping of the body's
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from hapnet.checks import Vector
 from hapnet.control.coupling import Ends, Made
@@ -40,8 +40,13 @@ class EdgeDevice(SimulatedDevice):
 
     body : moves under the forces of all its edges. own : the device with this edge's share of mass, damping and limit.
 
-    Attributes: begun, whether control of its edge has started; others_J, the work of all others so far [J].
+    Its ticks do not wait: the other edges' forces need the body's next position.
+
+    Attributes: begun, whether control of its edge has started; others_J, the work of all others since the
+    last tick [J].
     """
+
+    may_wait: ClassVar[bool] = False
 
     def __init__(self, body: Body, own: SimulatedDevice) -> None:
         super().__init__(
@@ -64,10 +69,10 @@ class EdgeDevice(SimulatedDevice):
         """Let the body reach the present time. Returns the work of all that has moved it but this edge's force [J]."""
         self.ticks += 1
         self.time = self.ticks * self.period
-        self.others_J = 0.0
         self.body.reach(self)
         self.show()
-        return self.others_J
+        work, self.others_J = self.others_J, 0.0
+        return work
 
     def show(self) -> None:
         """Take over the body's motion."""

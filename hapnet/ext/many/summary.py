@@ -2,10 +2,12 @@
 
 verdict : passive (true, false; null: not known), reason.
 edges.NAME : the summary of the pair, as `hapnet simulate --json -` prints it.
-nodes.NAME : kind; edges; sent_nJ, what its sessions sent in all; ledger_sent_J, what its ledgers count as sent. A
-    node that sends more than its ledgers count breaks its claim: no single pair would see it, as each receiver is
-    credited what was sent to it. Of a world with several hands also environment, one account for all of them, and
-    reservoirs: those of the seats, see `Reservoirs.as_dict`.
+nodes.NAME : kind; edges; bound_J, d^2 of its ends; sent_nJ, what its sessions sent in all; ledger_sent_J, what its
+    ledgers count as sent. A node that sends more than its ledgers count breaks its claim: no single pair would see it,
+    as each receiver is credited what was sent to it. Of a body with several pairs also work_J, put in at the port of
+    all their forces together, and ledger_work_J, what their ledgers count: more would be harvested twice. Of a world
+    with several hands also environment, one account for all of them, and reservoirs: those of the seats, see
+    `Reservoirs.as_dict`.
 total : bound_J, energy_out_J and margin_J, summed over the edges.
 """
 
@@ -14,10 +16,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
+from hapnet.ext.many.accounts import beyond, node_account
 from hapnet.ext.many.joint import JointSeat
-from hapnet.side.endpoint import NANO
 from hapnet.simulation.result import Result
-from hapnet.summary.verdict import ROUNDING_J
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,19 +50,11 @@ def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str
 
 
 def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
-    kind, edges = run.graph.nodes[name].kind, run.graph.edges_of(name)
-    pairs = [run.pairs[edge.name] for edge in edges]
-    ends = [pair.device_endpoint if kind == "device" else pair.world_endpoint for pair in pairs]
-    node = {
-        "kind": kind,
-        "edges": [edge.name for edge in edges],
-        "sent_nJ": sum(end.session.sent_nJ for end in ends),
-        "ledger_sent_J": sum(end.coupling.ledger.sent for end in ends),
-    }
-    seat = pairs[0].world.scene
-    if kind == "world" and isinstance(seat, JointSeat) and len(pairs) > 1:
+    node, pairs = node_account(run, name), [run.pairs[edge.name] for edge in run.graph.led_to(name)]
+    seat = pairs[0].world.scene if pairs else None
+    if isinstance(seat, JointSeat) and len(pairs) > 1:
         node["environment"] = seat.shared.as_dict()
-    if kind == "world" and len(pairs) > 1:
+    if len(pairs) > 1:
         node["reservoirs"] = run.reservoirs(name)
     return node
 
@@ -81,11 +74,7 @@ def graph_verdict(
 def _passive(
     edges: Mapping[str, Mapping[str, Any]], nodes: Mapping[str, Mapping[str, Any]], missing: Collection[str]
 ) -> tuple[bool | None, list[str]]:
-    against = [
-        f"{name} sent {1e-6 * node['sent_nJ']:.3g} mJ, its ledgers count {1e3 * node['ledger_sent_J']:.3g} mJ"
-        for name, node in nodes.items()
-        if "sent_nJ" in node and node["sent_nJ"] * NANO > node["ledger_sent_J"] + ROUNDING_J
-    ]
+    against = list(beyond(nodes))
     judged = {name: summary["verdict"] for name, summary in edges.items()}
     against += [f"{name}: {verdict['reason']}" for name, verdict in judged.items() if verdict["passive"] is False]
     if against:

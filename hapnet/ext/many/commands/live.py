@@ -17,6 +17,7 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import Edge, Graph, graph_of, read_graph
 from hapnet.ext.many.hands import Change, warnings_of, world_setups
 from hapnet.ext.many.seats import SeatedWorld, seat_names
+from hapnet.ext.many.shares import require_real_time
 from hapnet.ext.many.summary import environment_line, reservoir_line
 from hapnet.side.notices import Notice
 from hapnet.summary.run import Summary
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 def device(file: Path, node: str | None, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
     """Run a device of the graph in this file: `hapnet device --graph FILE --node NAME`."""
     graph = read_graph(file)
+    require_real_time(graph, file)
     edge = _edges_of(graph, node, "device")[0]
     return main("device", change(graph.pair(edge)), replace(side, name=edge.device), zenoh)
 
@@ -37,6 +39,7 @@ def device(file: Path, node: str | None, change: Change, side: SideFlags, zenoh:
 def world_of_graph(file: Path, node: str | None, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
     """Run a world of the graph in this file: `hapnet world --graph FILE --node NAME`."""
     graph = read_graph(file)
+    require_real_time(graph, file)
     return _world(graph, _edges_of(graph, node, "world"), change, side, zenoh)
 
 

@@ -19,6 +19,7 @@ from hapnet.commands.progress import Progress
 from hapnet.commands.side import PARENT, catch, exit_code, held_back
 from hapnet.ext.many.graph import Edge, Graph, Node, read_graph
 from hapnet.ext.many.hands import Change, warnings_of, world_setups
+from hapnet.ext.many.shares import require_real_time
 from hapnet.ext.many.summary import environment_line, graph_verdict, pairs_table, show_verdict
 from hapnet.param_values import toml_value
 from hapnet.params import Params
@@ -44,6 +45,7 @@ def run(
 ) -> int:
     """Run a graph on this machine. change : changes each pair's parameters by the flags of the command."""
     graph = read_graph(file)
+    require_real_time(graph, file)
     worlds = {node.name: graph.edges_of(node.name) for node in graph.nodes.values() if node.kind == "world"}
     setups = {
         edge.name: setup
