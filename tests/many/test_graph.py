@@ -162,7 +162,10 @@ BAD_LEADERS = {
         led('"follower"', '"follower"\noperator_model.mass = 0.1'),
         ["nodes.bob is 'operator_model.mass'", "left out without operator"],
     ),
-    "a hand that is not there": (led('"follower"', '"follower"\noperator = "sein"'), ["nodes.bob: operator", "sine?"]),
+    "a hand that is not there": (
+        led('"follower"', '"follower"\noperator = "sein"'),
+        ["nodes.bob: unknown operator 'sein'"],
+    ),
     "a leader's mass": (
         led('"follower"', '"follower"\ndevice.mass = 0.1', LEADS),
         ["nodes.bob: device.mass is 0.1", "left out: a follower leads with its robot's own, follower.mass"],
@@ -407,6 +410,15 @@ def test_a_wrong_argument_is_answered_in_one_line(
     (empty_directory / "good.toml").write_text(GOOD, "utf-8")
     _answers(capsys, argv, says)
     assert not (empty_directory / "runs").exists()
+
+
+@pytest.mark.parametrize("command", [("run",), ("device", "--node", "alice"), ("world",)])
+def test_a_graph_with_followers_is_refused_in_real_time(
+    command: tuple[str, ...], empty_directory: Path, capsys: Capture
+) -> None:
+    (empty_directory / "led.toml").write_text(LED, "utf-8")
+    says = ["--graph led.toml", "hapnet simulate --graph led.toml runs it", "alice has 2 edges"]
+    _answers(capsys, [*command, "--graph", "led.toml", "--no-files"], says)
 
 
 def test_a_graph_that_is_right_is_simulated_and_described(empty_directory: Path, capsys: Capture) -> None:

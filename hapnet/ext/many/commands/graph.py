@@ -13,13 +13,18 @@ from hapnet.commands.typed import Command
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import Graph, read_graph
 from hapnet.ext.many.hands import warnings_of
+from hapnet.ext.many.paths import has_followers, node_rows, one_way_s, paths
+from hapnet.ext.many.shares import why_virtual
 from hapnet.ext.many.summary import environment_line, pairs_table, show_verdict
 from hapnet.loading import extension
 from netem.command_help import PlainGroup
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.table import Table
 
+    from hapnet.assembly.build import Setup
     from hapnet.ext.many.hands import Change
     from hapnet.ext.many.run import GraphResult
 
@@ -35,43 +40,61 @@ def graph() -> None:
 
 @app.command("check", cls=Command, short_help="Check a graph, and print its pairs with their bounds and delays.")
 def check(file: File, json_to: flags.Json = None) -> int:
-    from hapnet.ext.many.run import GraphSimulation
+    from hapnet.ext.many.checking import checked_setups
 
     found = read_graph(file)
-    run = GraphSimulation(found)
-    rows = [_row(run, found, name) for name in found.edges]
+    setups = checked_setups(found)
+    rows, nodes, ways = [_row(setups, found, name) for name in found.edges], node_rows(found, setups), []
     words = output.console(json_to)
     words.print(_checked(rows))
     bound = sum(row["bound_J"] for row in rows)
     worlds = [node.name for node in found.nodes.values() if node.kind == "world"]
-    pairs = f"{_count(len(rows), 'pair')} in {_count(len(worlds), 'world')}"
-    words.print(f"{pairs}; together they may give out {1e3 * bound:.4g} mJ.", markup=False)
-    words.print(f"on this machine: hapnet simulate --graph {file}, or hapnet run --graph {file}", markup=False)
-    for node in found.nodes.values():
-        place = (
-            "-l tcp/0.0.0.0:17447" if node.kind == "world" else f"-e tcp/{_world_of(found, node.name).upper()}:17447"
-        )
-        words.print(f"{node.name}: hapnet {node.kind} --graph {file} --node {node.name} {place}", markup=False)
-    output.show_warnings(words, warnings_of(pair.setup for pair in run.pairs.values()))
-    output.write_json(rows, json_to)
+    places = f" in {_count(len(worlds), 'world')}" if worlds else ""
+    words.print(f"{_count(len(rows), 'pair')}{places}; together they may give out {1e3 * bound:.4g} mJ.", markup=False)
+    if has_followers(found):
+        ways = paths(found, setups)
+        words.print(_nodes(nodes))
+        for way in ways:
+            words.print(f"{' > '.join(way['nodes'])}: {1e3 * way['lag_s']:.3g} ms behind the hand", markup=False)
+    if why := why_virtual(found):
+        words.print(f"on this machine: hapnet simulate --graph {file} (in virtual time only: {why})", markup=False)
+    else:
+        words.print(f"on this machine: hapnet simulate --graph {file}, or hapnet run --graph {file}", markup=False)
+        _show_commands(words, found, file)
+    output.show_warnings(words, warnings_of(setups.values()))
+    output.write_json({"edges": rows, "nodes": nodes, "paths": ways} if has_followers(found) else rows, json_to)
     return 0
 
 
-def _world_of(found: Graph, device: str) -> str:
-    return found.edges_of(device)[0].world
+def _show_commands(words: Any, found: Graph, file: Path) -> None:
+    for node in found.nodes.values():
+        world = node.name if node.kind == "world" else found.led_by(node.name)[0].world
+        place = "-l tcp/0.0.0.0:17447" if node.kind == "world" else f"-e tcp/{world.upper()}:17447"
+        words.print(f"{node.name}: hapnet {node.kind} --graph {file} --node {node.name} {place}", markup=False)
+
+
+def _nodes(rows: list[dict[str, Any]]) -> Table:
+    from rich.table import Table
+
+    table = Table("node", "kind", "d², mJ", "gets, Ns/m", "spends, Ns/m", "will starve")
+    for row in rows:
+        kind = f"{row['kind']}, held" if row["hand"] and row["kind"] == "follower" else row["kind"]
+        known = "starves" in row
+        figures = [f"{row[name]:.3g}" if known else "" for name in ("gets_Ns_m", "spends_Ns_m")]
+        starves = ("yes" if row["starves"] else "no") if known else ""
+        table.add_row(row["node"], kind, f"{1e3 * row['bound_J']:.4g}", *figures, starves)
+    return table
 
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def _row(run: Any, found: Graph, name: str) -> dict[str, Any]:
+def _row(setups: Mapping[str, Setup], found: Graph, name: str) -> dict[str, Any]:
     """An edge in figures: its bound d^2 [J], and the typical delays of its link [s]."""
-    from hapnet.couplings.link_delays import delays
-
-    setup, edge = run.pairs[name].setup, found.edges[name]
+    setup, edge = setups[name], found.edges[name]
     device, world = setup.params.device.ceiling_J, setup.params.world.ceiling_J
-    up_s, down_s = (delays(link, link, setup.params.link.path_s).one_way_s for link in (setup.up, setup.down))
+    up_s, down_s = one_way_s(setup)
     return {
         "edge": name, "device": edge.device, "world": edge.world, "coupling": setup.params.coupling,
         "axes": setup.dof, "bound_J": device + world, "up_s": up_s, "down_s": down_s,
