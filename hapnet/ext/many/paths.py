@@ -10,18 +10,23 @@ velocity v, so powers are compared as dampings, P/v^2 [Ns/m]:
   back: K_k t, with the stiffness that is felt; without force only B_k.
 * a follower spends its own damping, that of the hand that holds it, and what its own edges bring to others.
 
-A reservoir lasts for a while: a starving follower may track well for seconds.
+A reservoir lasts for a while: a starving follower may track well for seconds. A follower that a hand holds must also
+stretch this hand's spring: with the energy E that its reservoir can spend, by at most sqrt(2 E/K) beyond where the hand
+is, K that of both springs in series. Beyond that its set-positions are modulated, whatever its edge brings.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from hapnet.assembly.build import Setup
+from hapnet.couplings import held_torque
 from hapnet.couplings.link_delays import delays
 from hapnet.couplings.rendering import largest
-from hapnet.ext.many.graph import DEVICE, FOLLOWER, WORLD, Edge, Graph
+from hapnet.couplings.set_position import servo_of
+from hapnet.ext.many.graph import DEVICE, FOLLOWER, WORLD, Edge, Graph, Node
 
 
 def one_way_s(setup: Setup) -> tuple[float, float]:
@@ -79,8 +84,19 @@ def node_rows(graph: Graph, setups: Mapping[str, Setup]) -> list[dict[str, Any]]
             gets = brings(led[0], setups[led[0].name])
             spends = robot.own_damping + hand + sum(brings(edge, setups[edge.name]) for edge in leads)
             row |= {"gets_Ns_m": gets, "spends_Ns_m": spends, "starves": spends > gets}
+            row["reach_m"] = _reach_m(graph, node, setups[led[0].name]) if node.is_held else None
         rows.append(row)
     return rows
+
+
+def _reach_m(graph: Graph, node: Node, setup: Setup) -> float:
+    """How far a held follower can be led from its hand's place before its reservoir has spent all that it may [m]."""
+    servo = servo_of(setup.params)
+    _, holding = held_torque.guard(servo, "measured", setup.dof)
+    hand, own = graph.hand(node).operator_model.stiffness, largest(servo.stiffness)
+    if not hand:
+        return math.inf
+    return math.sqrt(2.0 * (servo.ceiling_J - holding.reserve) * (hand + own) / (hand * own))
 
 
 def has_followers(graph: Graph) -> bool:

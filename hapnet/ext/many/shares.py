@@ -81,15 +81,15 @@ def _check(graph: Graph, edge: Edge, setup: Setup) -> None:
 
 
 def _check_robot(graph: Graph, edge: Edge, setup: Setup) -> None:
-    """Raise InvalidParameter: this edge's follower cannot lead others, or be held by a hand."""
+    """Raise InvalidParameter: this edge's follower has a driver, or cannot lead others or be held by a hand."""
     node, params = graph.nodes[edge.world], setup.params
+    if node.kind == FOLLOWER and params.follower.robot != "simulated":
+        raise InvalidParameter("follower.robot", params.follower.robot, "simulated: a graph's followers have no driver")
     if node.kind != FOLLOWER or not (node.is_held or graph.led_by(node.name)):
         return
     does = "a hand holds the follower" if node.is_held else "the follower leads others"
     if not setup.follower.is_held(params, setup.coupling):
         raise InvalidParameter("coupling", params.coupling, f"{' or '.join(_LAWS)}, with a held force, where {does}")
-    if params.follower.robot != "simulated":
-        raise InvalidParameter("follower.robot", params.follower.robot, f"simulated where {does}")
     if setup.scene.units == POSE or params.scene.startswith("mujoco:"):
         raise InvalidParameter("scene", params.scene, f"one without a tool and without a physics engine, where {does}")
     if node.is_held and params.follower.feedback == "force":

@@ -82,6 +82,8 @@ def _nodes(rows: list[dict[str, Any]]) -> Table:
         known = "starves" in row
         figures = [f"{row[name]:.3g}" if known else "" for name in ("gets_Ns_m", "spends_Ns_m")]
         starves = ("yes" if row["starves"] else "no") if known else ""
+        if starves == "no" and row["reach_m"] is not None:
+            starves = f"beyond {1e3 * row['reach_m']:.2g} mm"
         table.add_row(row["node"], kind, f"{1e3 * row['bound_J']:.4g}", *figures, starves)
     return table
 
