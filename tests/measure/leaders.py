@@ -1,4 +1,4 @@
-"""Teachers, chains and followers that are held: how far they are from their leader, and whether the forecast is right."""
+"""Teachers, chains and held followers: how far they are from their leader, and whether the forecast is right."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.hands import graph_setups
 from hapnet.ext.many.paths import node_rows
-from tests.many.accounts import PAPER, Lead, apart_mm, ran, require_passive, table
+from tests.many.accounts import PAPER, apart_mm, ran, require_passive, table
 
 STAR, CHAIN = [(0, 1), (0, 2), (0, 3), (0, 4)], [(0, 1), (1, 2), (2, 3)]
 SOFT = {"stiffness": 40.0, "damping": 0.5, "mass": 0.1}
@@ -59,8 +59,8 @@ def _against_forecast(name: str, table_of: dict[str, Any]) -> None:
         late = world["time_ns"] > world["time_ns"][-1] - LAST_S * 1e9
         off = np.linalg.norm(world["set_position_m"] - world["target_m"], axis=1) > 1e-4
         reach = "" if row["reach_m"] is None else f", reaches {1e3 * row['reach_m']:.0f} mm"
-        print(f"{name:16} {row['node']}: gets {row['gets_Ns_m']:.3g}, spends {row['spends_Ns_m']:.3g} Ns/m{reach}: will "
-              f"starve: {row['starves']}; modulated {off[late].mean():.0%} of the last {LAST_S:.0f} s")  # fmt: skip
+        print(f"{name:16} {row['node']}: gets {row['gets_Ns_m']:.3g}, spends {row['spends_Ns_m']:.3g} Ns/m{reach}: "
+              f"will starve: {row['starves']}; modulated {off[late].mean():.0%} of the last {LAST_S:.0f} s")  # fmt: skip
 
 
 if __name__ == "__main__":
