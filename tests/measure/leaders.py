@@ -59,8 +59,9 @@ def _against_forecast(name: str, table_of: dict[str, Any]) -> None:
         late = world["time_ns"] > world["time_ns"][-1] - LAST_S * 1e9
         off = np.linalg.norm(world["set_position_m"] - world["target_m"], axis=1) > 1e-4
         reach = "" if row["reach_m"] is None else f", reaches {1e3 * row['reach_m']:.0f} mm"
-        print(f"{name:16} {row['node']}: gets {row['gets_Ns_m']:.3g}, spends {row['spends_Ns_m']:.3g} Ns/m{reach}: "
-              f"will starve: {row['starves']}; modulated {off[late].mean():.0%} of the last {LAST_S:.0f} s")  # fmt: skip
+        dampings = f"gets {row['gets_Ns_m']:.3g}, spends {row['spends_Ns_m']:.3g} Ns/m{reach}"
+        share = f"modulated {off[late].mean():.0%} of the last {LAST_S:.0f} s"
+        print(f"{name:16} {row['node']}: {dampings}; will starve: {row['starves']}; {share}")
 
 
 if __name__ == "__main__":
