@@ -70,7 +70,7 @@ ABOVE = {
     "pictures": {"metrics", "arms", "solids"},
     "study": {"metrics", "pictures", "arms", "tools"},
     "page": {"laws", "arms", "solids"},
-    "many": {"solids", "engines"},
+    "many": {"engines", "robots", "solids"},
     "doctor": {"pictures"},
     "compiled": {"laws", "solids", "tools", "arms"},  # it compiles their equations
     "bench": {"compiled", "arms", "tools", "solids", "page", "pictures"},

@@ -18,8 +18,8 @@ from hapnet.plant.operator import Operator
 from hapnet.records.vectors import copy, inner
 
 
-class Body(Protocol):
-    """What moves under the forces of several edges; `devices` are those of its edges."""
+class SharedBody(Protocol):
+    """A body that moves under the forces of several edges; `devices` are those of its edges."""
 
     devices: list[EdgeDevice]
 
@@ -48,7 +48,7 @@ class EdgeDevice(SimulatedDevice):
 
     may_wait: ClassVar[bool] = False
 
-    def __init__(self, body: Body, own: SimulatedDevice) -> None:
+    def __init__(self, body: SharedBody, own: SimulatedDevice) -> None:
         super().__init__(
             own.operator, mass=own.mass, damping=own.damping, period=own.period,
             resolution=own.resolution, force_limit=own.force_limit,
@@ -82,7 +82,7 @@ class EdgeDevice(SimulatedDevice):
         copy(self.dof, self.state.torque, self.state.actuator_force)
 
 
-class HeldBody(Body):
+class HeldBody(SharedBody):
     """A simulated device in its hand. It begins to move when control of all its edges has started.
 
     plant : without a force limit; each edge has its share of the limit. clock : the present time [ns].
@@ -121,7 +121,7 @@ class HeldBody(Body):
             one.references = plant.references
 
 
-class RobotBody(Body, Outside):
+class RobotBody(SharedBody, Outside):
     """A follower's robot that leads others, or is held by a hand: what acts on it besides its leader and the contacts.
 
     start : its position at the start [m]. hand : that holds it where it starts, and moves; None: no hand holds it.
@@ -180,7 +180,7 @@ class RobotBody(Body, Outside):
 class EdgeEnds(Ends):
     """Puts an `EdgeDevice` of this body in place of an edge's simulated device."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: SharedBody) -> None:
         self._body = body
 
     def simulated(self, device: Made) -> Made:

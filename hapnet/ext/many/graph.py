@@ -145,8 +145,8 @@ class Graph:
         own = {f"device.{name}": getattr(robot, name) for name in _OF_ROBOTS}
         for name in own:
             if name in node.changes:
-                allowed = f"left out: a follower leads with its robot's own, follower.{name.partition('.')[2]}"
-                raise InvalidParameter(name, node.changes[name], allowed)
+                why = f"a follower leads with its robot's own, follower.{name.partition('.')[2]}; leave this out"
+                raise InvalidParameter(name, node.changes[name], "", why=why)
         return {**own, "hardware": "simulated", "operator": "rest"}
 
     def hand(self, node: Node) -> Params:
@@ -272,7 +272,8 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
             raise InvalidParameter(f"{where}.{key}", name, allowed, there)
         ends.append(str(name))
     if ends[0] == ends[1]:
-        raise InvalidParameter(f"{where}.to", ends[1], "another node than from")
+        others = [name for name in there if name != ends[0]]
+        raise InvalidParameter(f"{where}.to", ends[1], f"a node that is not from: {', '.join(others)}", others)
     changes = {key: value for key, value in entries.items() if key in _OF_EDGES}
     if isinstance(link := changes.get("link"), str):
         changes["link"] = {"up": link, "down": link}
@@ -294,9 +295,8 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
     if not isinstance(force, bool):
         raise InvalidParameter(f"{where}.force", force, "true or false")
     if at and nodes[ends[1]].kind == FOLLOWER:
-        raise InvalidParameter(
-            f"{where}.at", at, f"left out: the follower {ends[1]} has its own place (follower.start)"
-        )
+        why = f"the follower {ends[1]} begins at its own place (follower.start); leave at out"
+        raise InvalidParameter(f"{where}.at", at, "", why=why)
     changes = dict(flatten(changes))
     return Edge(
         name, ends[0], ends[1], tuple(map(float, at)), changes, rights, proxy, share and float(share), force=force

@@ -1,4 +1,4 @@
-"""What a graph promises before it runs: the lag along each path from a hand, and which followers will starve.
+"""The forecast of a graph before it runs: the lag along each path from a hand, and the followers that will starve.
 
 Lag: the typical delays of the links, and at each node the mean length of a step. hapnet's rendering hides up to
 `contact_model.longest_s` of each link's delay by prediction; the lag is what is left to predict.

@@ -18,7 +18,7 @@ import numpy as np
 from hapnet.assembly.build import Setup
 from hapnet.control.two_port import begin
 from hapnet.errors import HapnetError
-from hapnet.ext.many.bodies import Body, EdgeEnds
+from hapnet.ext.many.bodies import EdgeEnds, SharedBody
 from hapnet.ext.many.graph import Edge, Graph
 from hapnet.ext.many.hands import Change, JointSteps, graph_setups
 from hapnet.ext.many.reservoirs import Reservoirs
@@ -89,7 +89,7 @@ class GraphSimulation:
         self._hands = hands or {}
         self.now_ns = 0
         setups = graph_setups(graph, change)
-        self.bodies: dict[str, Body] = bodies_of(graph, setups, change, self._hands, lambda: self.now_ns)
+        self.bodies: dict[str, SharedBody] = bodies_of(graph, setups, change, self._hands, lambda: self.now_ns)
         self.pairs: dict[str, Simulation] = {
             edge.name: self._pair(number, edge, setups[edge.name]) for number, edge in enumerate(graph.edges.values())
         }

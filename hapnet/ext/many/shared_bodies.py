@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from hapnet.assembly.build import Setup, prepare
+from hapnet.assembly.build import Setup, held, prepare, virtual_mass
 from hapnet.assembly.operators import operator
+from hapnet.assembly.own_parts import named_section
 from hapnet.assembly.simulated_device import simulated_device
-from hapnet.ext.many.bodies import Body, HeldBody, RobotBody
+from hapnet.ext.many.bodies import HeldBody, RobotBody, SharedBody
 from hapnet.ext.many.graph import DEVICE, FOLLOWER, Edge, Graph, Node, about
+from hapnet.ext.many.hands import graph_setups
 from hapnet.ext.many.shares import is_shared
 from hapnet.ext.robots.follower import Robot
 from hapnet.params import Params
@@ -23,12 +25,12 @@ def bodies_of(
     change: Callable[[Params], Params],
     hands: Mapping[str, Operator],
     clock: Callable[[], int],
-) -> dict[str, Body]:
+) -> dict[str, SharedBody]:
     """The bodies by the names of their nodes. setups : of the edges. hands : in place of the nodes' operators.
 
     Raises InvalidParameter: a hand is not valid.
     """
-    found: dict[str, Body] = {}
+    found: dict[str, SharedBody] = {}
     for node in graph.nodes.values():
         leads = graph.led_by(node.name)
         if node.kind == DEVICE and is_shared(graph, leads[0]):
@@ -56,10 +58,23 @@ def _robot(graph: Graph, node: Node, setup: Setup, hand: Operator | None) -> Rob
     return RobotBody(setup.scene.start, hand)
 
 
-def bind(body: Body | None, pairs: Iterable[Simulation]) -> None:
+def bind(body: SharedBody | None, pairs: Iterable[Simulation]) -> None:
     """Let the body of a follower have the robot of its leader's pair."""
     if isinstance(body, RobotBody):
         for pair in pairs:
             robot = pair.world.mass
             assert isinstance(robot, Robot), "a follower moves a robot"
             body.robot, robot.outside = robot, body
+
+
+def checked_setups(graph: Graph) -> dict[str, Setup]:
+    """The setups of all edges, after their hands, masses and device's ends were made once. Raises InvalidParameter."""
+    setups = graph_setups(graph, lambda params: params)
+    bodies_of(graph, setups, lambda params: params, {}, lambda: 0)
+    for name, setup in setups.items():
+        with about(f"edges.{name}"):
+            hand = operator(setup.params, setup.scene)
+            virtual_mass(setup)
+            with named_section("device"):
+                held(setup)(hand.reference(0.0), False)
+    return setups

@@ -1,4 +1,4 @@
-"""What an edge has of its leader: a device with several edges shares out its spring, damper, limits and reservoir.
+"""The share of its leader that an edge has: of a device's spring, damper, limits and reservoir.
 
 An edge with the share s couples a device of mass s m and own damping s b by s K and s B, within s times the limits of
 the force, and with s times the reservoir. All its ratios and times are those of the whole, and so the edges together
@@ -59,14 +59,15 @@ def _part(share: float, value: Any) -> Any:
 
 def _check(graph: Graph, edge: Edge, setup: Setup) -> None:
     """Raise InvalidParameter: this edge's end at its leader cannot be a share, or cannot be at a robot."""
-    params, name = setup.params, setup.coupling.name
-    laws = ("pspm",) if not edge.force else _LAWS
+    params, spec = setup.params, setup.coupling
+    laws = _LAWS if edge.force else _LAWS[:1]
     what = f"where a node leads with a share, as {edge.device} does"
     if graph.nodes[edge.device].kind == FOLLOWER:
         what = f"where a follower leads, as {edge.device} does"
     if not edge.force:
         what = "with force = false"
-    if name not in laws:
+    shares = spec.follower is not None and not spec.between_robots  # its device's end is a spring and a damper
+    if not shares or not (edge.force or spec.halves):
         raise InvalidParameter(
             "coupling", params.coupling, f"{' or '.join(laws)} {what}: each side has its own account"
         )

@@ -48,7 +48,7 @@ class Mechanics(NamedTuple):
 
 
 class Outside(Protocol):
-    """What else acts on the robot, in its own units: a hand that holds it, other robots that it leads."""
+    """Everything else that acts on the robot, in its own units: a hand that holds it, other robots that it leads."""
 
     put_in_J: float
     """Its work on the robot so far [J]."""

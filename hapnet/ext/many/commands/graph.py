@@ -40,7 +40,7 @@ def graph() -> None:
 
 @app.command("check", cls=Command, short_help="Check a graph, and print its pairs with their bounds and delays.")
 def check(file: File, json_to: flags.Json = None) -> int:
-    from hapnet.ext.many.checking import checked_setups
+    from hapnet.ext.many.shared_bodies import checked_setups
 
     found = read_graph(file)
     setups = checked_setups(found)
