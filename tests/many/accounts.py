@@ -63,6 +63,7 @@ def require_passive(run: GraphSimulation, result: GraphResult) -> None:
             ("down", simulated.world_endpoint, simulated.device_endpoint),
         ):
             assert receiver.session.credited_nJ <= sender.session.sent_nJ, (name, way)
+            assert receiver.coupling.ledger.credited <= 1e-9 * receiver.session.credited_nJ + 1e-12, (name, way)
         margin = pair.summary["theorem"]["margin_J"]
         assert margin is not None
         assert margin >= -1e-9, name
