@@ -97,9 +97,14 @@ def _port_force(run: GraphSimulation, name: str, world: dict[str, Array]) -> Arr
 
 
 def _all_forces(run: GraphSimulation, result: GraphResult, name: str) -> float:
-    """The work put in at the port of all forces of a node's edges together [J]."""
-    force, position = together(result, [edge.name for edge in run.graph.led_by(name)])
-    return float(-np.sum(force[:-1] * np.diff(position, axis=0)))
+    """The work put in at the port of all forces of a node's edges together [J]. A robot may move before all begin."""
+    work = 0.0
+    for edge in run.graph.led_by(name):
+        one = result.pairs[edge.name].recording.device
+        assert one is not None
+        work += float(one["work_J"][0] - np.sum(one["force_N"][:-1] * np.diff(one["position_m"], axis=0)))
+    together(result, [edge.name for edge in run.graph.led_by(name)])
+    return work
 
 
 def together(result: GraphResult, edges: Sequence[str]) -> tuple[Array, Array]:
