@@ -96,7 +96,8 @@ class GraphSimulation:
         self._world_of: dict[str, _World] = {}
         for node in graph.nodes:
             pairs = {edge.name: self.pairs[edge.name] for edge in graph.led_to(node)}
-            self._world_of |= dict.fromkeys(pairs, _World(list(pairs.values())))
+            if pairs:
+                self._world_of |= dict.fromkeys(pairs, _World(list(pairs.values())))
             bind(self.bodies.get(node), pairs.values())
         self.duration_s: float = next(iter(setups.values())).params.duration_s  # the same for all
 
@@ -135,7 +136,7 @@ class GraphSimulation:
 
     def reservoirs(self, world: str) -> dict[str, Any]:
         """The accounts of the seats' reservoirs of this world, by the names of the edges."""
-        edges = [edge.name for edge in self.graph.edges_of(world)]
+        edges = [edge.name for edge in self.graph.led_to(world)]
         found = self._world_of[edges[0]].reservoirs
         return found.as_dict([(name, self.pairs[name].world) for name in edges])
 

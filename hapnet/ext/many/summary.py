@@ -51,10 +51,10 @@ def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str
 
 def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
     node, pairs = node_account(run, name), [run.pairs[edge.name] for edge in run.graph.led_to(name)]
-    seat = pairs[0].world.scene if pairs else None
-    if isinstance(seat, JointSeat) and len(pairs) > 1:
-        node["environment"] = seat.shared.as_dict()
     if len(pairs) > 1:
+        seat = pairs[0].world.scene
+        if isinstance(seat, JointSeat):
+            node["environment"] = seat.shared.as_dict()
         node["reservoirs"] = run.reservoirs(name)
     return node
 
