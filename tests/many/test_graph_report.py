@@ -11,7 +11,7 @@ import pytest
 
 from hapnet import cli
 from hapnet.summary.causes import INCOMPLETE
-from tests.many.test_graph import GOOD
+from tests.support.wrong_graphs import GOOD
 from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import started, without_progress
 

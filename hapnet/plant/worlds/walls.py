@@ -396,8 +396,7 @@ def push(contacts: Contacts, k: int, dt: float, x: Reals, free: Reals, force: Fl
         vhat[i] = vhat[i] + f * response[i]
 
 
-penetration, nearest, stored = Contacts.penetration, Contacts.nearest, Contacts.stored_J
-clearance = Contacts.clearance
+penetration, nearest, stored, clearance = Contacts.penetration, Contacts.nearest, Contacts.stored_J, Contacts.clearance
 """The names in equations."""
 
 
