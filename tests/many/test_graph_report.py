@@ -11,9 +11,9 @@ import pytest
 
 from hapnet import cli
 from hapnet.summary.causes import INCOMPLETE
-from tests.support.wrong_graphs import GOOD
 from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import started, without_progress
+from tests.support.wrong_graphs import GOOD
 
 Change = Callable[[dict[str, Any]], None]
 
