@@ -45,6 +45,25 @@ def test_nor_with_the_stages_in_a_world_that_lies(coupling: str) -> None:
     assert largest_step(coupling, **LYING) <= STEP_N * (1.0 + 1e-6)
 
 
+def largest_force(coupling: str, limit_N: float) -> float:
+    """The largest force on a hand that presses into a wall, whatever the law asks for [N]."""
+    recorded = simulate(
+        {
+            "coupling": coupling, "link.up": "lan", "link.down": "lan", "operator": "press", "scene": "wall",
+            "device.servo": "sampled", "device.stiffness": STIFFNESS, "device.force_limit_N": limit_N,
+            "record_hz": 1000.0, "duration_s": 2.5,
+        },
+        seed=8,
+    ).recording  # fmt: skip
+    return float(np.abs(recorded.device["force_N"]).max())
+
+
+@pytest.mark.parametrize("coupling", mostly_slow([(one,) for one in COUPLINGS], 4))
+def test_no_law_exceeds_the_force_limit(coupling: str) -> None:
+    assert largest_force(coupling, 0.0) > 0.3  # 0: no limit
+    assert 0.1 < largest_force(coupling, 0.2) <= 0.2 * (1.0 + 1e-9)
+
+
 @pytest.mark.parametrize("coupling", ["zoh", "popc"])
 def test_a_law_without_the_limit_is_found(coupling: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same law's end with `step` infinite, as if it alone had no limit; `zoh` has one before its spring too."""
