@@ -24,7 +24,8 @@ from hapnet.units import POSE
 
 SHARED_OUT = (
     "device.stiffness", "device.damping", "device.ceiling_J", "device.force_limit_N", "device.step_limit_N",
-    "device.mass", "device.own_damping", "device.trusted_damping", "contact_model.delayed_stiffness",
+    "device.mass", "device.own_damping", "device.trusted_damping", "device.stiffness_range",
+    "contact_model.delayed_stiffness",
 )  # fmt: skip
 """The parameters of which each edge has its share."""
 
