@@ -26,8 +26,8 @@ NEIGHBOURS = {"force_step_N", "torque_step_Nm", "buzz_N2"}
 
 WITHIN = 0.05
 
-FLOOR = {"ms": 5.0, "mm/min": 0.05}
-"""A time is known to a few samples, and a drift to what a fit of it scatters by."""
+FLOOR = {"ms": 5.0, "mm/min": 0.05, "N": 5e-4, "%": 0.02}
+"""A time is known to a few samples, a drift to what a fit of it scatters by, and a force to half a millinewton."""
 
 
 def test_the_page_has_every_metric_with_what_it_is_over() -> None:
