@@ -284,6 +284,14 @@ def local_address(directory: str) -> str:
     return f"unixsock-stream/{directory}/link" if fits else free_address()
 
 
+def listen_here_too(config: zenoh.Config, address: str) -> None:
+    """Let a configuration listen at the `local_address` of its own program too, whatever its links must prove."""
+    config.insert_json5("listen/endpoints", json.dumps([*endpoints_of(config, "listen"), address]))
+    protocols = json.loads(config.get_json("transport/link/protocols"))
+    if protocols:
+        config.insert_json5("transport/link/protocols", json.dumps([*protocols, address.partition("/")[0]]))
+
+
 def free_address(protocol: str = "tcp") -> str:
     """An endpoint on this machine that is free now."""
     with socket.socket() as probe:

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import zenoh
 
 from hapnet.errors import HapnetError, InvalidParameter, TransportError
-from hapnet.transport.config import ZenohSettings, local_address, reason, zenoh_config
+from hapnet.transport.config import ZenohSettings, listen_here_too, local_address, reason, zenoh_config
 from hapnet.transport.entities import call, check_name
 from hapnet.transport.security import ANYBODY
 from hapnet.transport.zenoh import DIRECTIONS
@@ -47,8 +47,9 @@ def routed(settings: ZenohSettings) -> Iterator[ZenohSettings]:
         )
     with TemporaryDirectory(prefix="hapnet-") as sockets:  # only this user can read it
         address = local_address(sockets)
-        outer = replace(settings, mode="router", listen=(*settings.listen, address))
+        outer = replace(settings, mode="router")
         config = zenoh_config(outer)
+        listen_here_too(config, address)
         try:
             router = zenoh.open(config)
         except zenoh.ZError as error:

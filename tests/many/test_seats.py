@@ -179,3 +179,33 @@ def test_bad_seats_are_refused_in_one_line(seats: str, allowed: str) -> None:
     assert err.count("\n") == 1
     assert "--seats" in err
     assert allowed in err
+
+
+@pytest.mark.slow
+def test_a_seat_lets_in_the_owner_of_its_certificate_only(certificates: Path) -> None:
+    """The seats are in the world's own process, and have no certificates; the devices' must be of the seat's name."""
+    address = free_address("tls")
+
+    def shown(name: str) -> tuple[str | Path, ...]:
+        own = (certificates / "ca.pem", certificates / f"{name}.pem", certificates / f"{name}.key")
+        return tuple(word for pair in zip(("--tls-ca", "--tls-cert", "--tls-key"), own, strict=True) for word in pair)
+
+    access = ("--mutual-tls", "-c", ROOT / "examples/secure/access.json5")
+    with started(
+        "world", "--seats", "alice,bob", *SCENE, "-l", address, *shown("world"), *access, "--no-files"
+    ) as world:
+        world.until_line("bob: waiting for the device")
+        with started(
+            "device", "--name", "bob", *SCENE, "-e", address, *shown("alice"), "--duration", "2", "--no-files"
+        ) as thief:
+            world.until_line("access control does not let alice")
+            thief.process.send_signal(signal.SIGTERM)
+            thief.end()
+        with started(
+            "device", "--name", "alice", *SCENE, "-e", address, *shown("alice"), "--duration", "2", "--no-files"
+        ) as alice:
+            world.until_line("alice: paired with the device")
+            alice.until_line("PASSIVE")
+        assert not any("bob: paired" in line for line in world.out)
+        world.process.send_signal(signal.SIGTERM)
+        world.end()

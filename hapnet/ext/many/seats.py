@@ -114,6 +114,7 @@ class SeatedWorld:
     setups : by the names of the seats, see `hapnet.ext.many.hands`. zenoh : the settings of their sides, see `routed`.
     session : part of the key expressions. seed : of the links and steps; None: a random one. records : the recordings'
     paths by the names of the seats. notify : called with a seat's name and each of its notices, on the event loop.
+    refused : called with the time [ns]; returns a text with the refusals of the router since the last call.
     """
 
     def __init__(
@@ -125,6 +126,7 @@ class SeatedWorld:
         seed: int | None = None,
         records: Mapping[str, Path],
         notify: Callable[[str, Notice], None],
+        refused: Callable[[int], list[str]] = lambda now_ns: [],
     ) -> None:
         first = next(iter(setups.values()))
         self._reservoirs = Reservoirs.of(first.params, first.scene)
@@ -142,6 +144,7 @@ class SeatedWorld:
             side = RealtimeSide(
                 setup, "world", zenoh, session=session, name=name, seed=None if seed is None else seed + number,
                 record=records.get(name), notify=partial(notify, name), make_steps=keep,
+                refused=(lambda now_ns: []) if number else refused,
             )  # fmt: skip
             self.sides[name] = side
             loop.worlds[made[0]] = cast(ThreadedWorld, side.control)

@@ -22,6 +22,7 @@ from hapnet.ext.many.summary import environment_line, reservoir_line
 from hapnet.side.notices import Notice
 from hapnet.summary.run import Summary
 from hapnet.transport.config import zenoh_warnings
+from hapnet.transport.refusals import watched
 from hapnet.transport.router import routed
 
 if TYPE_CHECKING:
@@ -84,13 +85,18 @@ def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, ze
     }
 
     def notify(name: str, notice: Notice) -> None:
-        logs[name].notify(replace(notice, text=notice.text if notice.kind == "progress" else f"{name}: {notice.text}"))
+        logs[name].notify(
+            replace(notice, text=notice.text if notice.kind in ("progress", "access") else f"{name}: {notice.text}")
+        )
 
     records = {} if directory is None else {name: directory / f"{name}.mcap" for name in setups}
     written, caught = output.Written(), list[signal.Signals]()
     try:
-        with routed(settings) as own:
-            world = SeatedWorld(setups, own, session=given.session, seed=given.seed, records=records, notify=notify)
+        with watched(settings) as refusals, routed(settings) as own:
+            world = SeatedWorld(
+                setups, own, session=given.session, seed=given.seed, records=records, notify=notify,
+                refused=refusals.take,
+            )  # fmt: skip
             duration_s = next(iter(setups.values())).params.duration_s
             summaries = asyncio.run(_run(world, duration_s, caught))
     finally:
