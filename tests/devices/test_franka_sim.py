@@ -125,7 +125,7 @@ def test_it_follows_over_4g_and_meets_a_wall_in_the_air(feedback: str, simulator
         steps = beyond_the_motion(to, at)
         released = np.all(to == at, axis=1)[1:]  # a servo that stalled renders no force
         assert steps[~released].max() <= most_m * (1.0 + 1e-6)
-    assert np.abs(leader.device["force_N"]).max() > 0.1  # of the wall and the arm, at the leader
+    assert np.abs(leader.device["force_N"]).max() > 0.03  # newtons of wall and arm, 0.05 of them at the leader
     assert np.any(robot.world["contact_force_N"]) == (feedback == "force")  # the plane's: the simulator has none
 
 
