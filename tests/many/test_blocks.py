@@ -10,6 +10,8 @@ from hapnet.errors import InvalidParameter
 from hapnet.ext.many.blocks import Block, Blocks, Free
 from tests.support.pushed_blocks import DAMPING, STIFFNESS, Bench, Proxy, own_energy, pushed, row
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 COUNTS = [(blocks, proxies) for blocks in (1, 2, 3) for proxies in (1, 2, 6)]
 
 

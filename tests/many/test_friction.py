@@ -18,6 +18,8 @@ from tests.support.carrying_hands import smooth
 from tests.support.pushed_blocks import DAMPING, STIFFNESS, Proxy, pushed, row
 from tests.support.rubbing_blocks import RubBench
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 G = 9.81
 TABLE = Block((0.0, 0.0, -0.04), (0.5, 0.5, 0.01), 0.0, 0.0, 0.0)
 STEPS_S = [1e-3, 1e-2, 5e-2]

@@ -8,6 +8,8 @@ import pytest
 from hapnet.ext.many.run import GraphResult
 from tests.support.hostile_hands import run
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 HOLDING = ("left-table", "right-table")
 
 

@@ -22,6 +22,8 @@ from tests.many.test_carrying import assert_credit, assert_every_account
 from tests.support.carrying_hands import smooth
 from tests.support.mujoco_models import BALL, BOX, DOOR, model
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 mujoco = pytest.importorskip("mujoco")
 
 CARRIED = f"mujoco:{ROOT / 'examples' / 'graphs' / 'carried_box.xml'}"

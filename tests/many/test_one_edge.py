@@ -15,6 +15,8 @@ from hapnet.ext.many.shared import Seat
 from hapnet.recording.samples import Recording
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 LINKS = {"up": "delay 40ms 10ms loss 2%", "down": "delay 20ms 5ms loss 5%"}
 
 

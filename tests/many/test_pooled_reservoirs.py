@@ -13,6 +13,8 @@ from tests.measure.reservoirs import graph_around, short_of, uneven
 from tests.support.carrying_hands import Carrier
 from tests.support.hostile_hands import run as with_a_third
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 
 @cache
 def made(kind: str) -> tuple[GraphSimulation, GraphResult, list[Port]]:

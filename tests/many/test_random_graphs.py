@@ -14,6 +14,8 @@ from hapnet.ext.many.run import GraphResult, GraphSimulation
 from hapnet.plant.operator import Impedance
 from tests.many.accounts import require_passive
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 MOST_NODES = 12
 
 

@@ -16,6 +16,8 @@ from tests.many.test_killed_devices import Seen, run
 from tests.support.carrying_hands import Carrier
 from tests.support.restarted_devices import Device
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 REFILL_S, CEILING_J = 5.0, 0.05
 """The defaults: longer than any device in these runs is gone before it comes back."""
 

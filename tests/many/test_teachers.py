@@ -12,6 +12,8 @@ from hapnet.ext.many.run import GraphSimulation
 from hapnet.recording.samples import Recording
 from tests.many.accounts import PAPER, Lead, apart_mm, ran, require_passive, table, together
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 STAR = [(0, 1), (0, 2), (0, 3), (0, 4)]
 CHAIN = [(0, 1), (1, 2), (2, 3)]
 

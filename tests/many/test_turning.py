@@ -16,6 +16,8 @@ from tests.many.test_carrying import assert_credit, assert_every_account
 from tests.many.test_friction import G, Lifter
 from tests.support.pushed_blocks import DAMPING, STIFFNESS, Proxy, pushed, row
 
+pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
+
 HALF = (0.03, 0.02, 0.01)
 MASS = 0.2
 INERTIA = MASS / 3.0 * np.array([0.02**2 + 0.01**2, 0.03**2 + 0.01**2, 0.03**2 + 0.02**2])
