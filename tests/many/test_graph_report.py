@@ -13,7 +13,7 @@ from hapnet import cli
 from hapnet.summary.causes import INCOMPLETE
 from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import started, without_progress
-from tests.support.wrong_graphs import GOOD
+from tests.support.wrong_graphs import GOOD, LEADS
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -62,6 +62,16 @@ def test_one_page_has_the_verdict_all_pairs_and_all_nodes(run: Path, capsys: Cap
     assert all("<h2>Summary</h2>" in (run / one).read_text("utf-8") for one in pages)
     sent = written["nodes"]["alice"]["sent_nJ"]
     assert f"<td>{1e-6 * sent:.4g}</td>" in page
+
+
+def test_a_follower_that_leads_is_at_the_end_of_two_pairs(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "g.toml").write_text(LEADS, "utf-8")
+    assert cli.main(["simulate", "--graph", str(tmp_path / "g.toml"), "--out", str(tmp_path / "run")]) == 0
+    assert cli.main(["report", str(tmp_path / "run")]) == 0
+    assert "PASSIVE: each of 2 pairs" in capsys.readouterr().out
+    page = (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert colours(page) == ["good", "good"]
+    assert re.findall(r'href="([^"]+)"', page) == ["alice-bob.html", "bob-carl.html"]
 
 
 def test_a_node_that_sent_more_than_its_ledgers_count_is_named(run: Path, capsys: Capture) -> None:

@@ -21,6 +21,7 @@ def node_account(run: GraphSimulation, name: str) -> dict[str, Any]:
     node = {
         "kind": run.graph.nodes[name].kind,
         "edges": [edge.name for edge in run.graph.edges_of(name)],
+        "leads": [edge.name for edge in run.graph.led_by(name)],
         "bound_J": sum(end.coupling.ledger.bound for end in ends),
         "sent_nJ": sum(end.session.sent_nJ for end in ends),
         "ledger_sent_J": sum(end.coupling.ledger.sent for end in ends),

@@ -2,12 +2,12 @@
 
 verdict : passive (true, false; null: not known), reason.
 edges.NAME : the summary of the pair, as `hapnet simulate --json -` prints it.
-nodes.NAME : kind; edges; bound_J, d^2 of its ends; sent_nJ, what its sessions sent in all; ledger_sent_J, what its
-    ledgers count as sent. A node that sends more than its ledgers count breaks its claim: no single pair would see it,
-    as each receiver is credited what was sent to it. Of a body with several pairs also work_J, put in at the port of
-    all their forces together, and ledger_work_J, what their ledgers count: more would be harvested twice. Of a world
-    with several hands also environment, one account for all of them, and reservoirs: those of the seats, see
-    `Reservoirs.as_dict`.
+nodes.NAME : kind; edges; leads, those at whose device's end it is; bound_J, d^2 of its ends; sent_nJ, what its sessions
+    sent in all; ledger_sent_J, what its ledgers count as sent. A node that sends more than its ledgers count breaks its
+    claim: no single pair would see it, as each receiver is credited what was sent to it. Of a body with several pairs
+    also work_J, put in at the port of all their forces together, and ledger_work_J, what their ledgers count: more
+    would be harvested twice. Of a world with several hands also environment, one account for all of them, and
+    reservoirs: those of the seats, see `Reservoirs.as_dict`.
 total : bound_J, energy_out_J and margin_J, summed over the edges.
 """
 

@@ -12,6 +12,7 @@ from hapnet.commands import output
 from hapnet.commands.outcome import write
 from hapnet.commands.progress import Progress
 from hapnet.errors import RecordingError
+from hapnet.ext.many.graph import DEVICE
 from hapnet.ext.many.summary import PAIR_HEAD, environment_line, graph_verdict, pair_row, pairs_table, show_verdict
 from hapnet.loading import extension
 from hapnet.recording.opened import fitting
@@ -64,8 +65,9 @@ def run_in(directory: Path) -> GraphRun | None:
 def _ends(nodes: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for name, node in nodes.items():
+        leads = node.get("leads", node["edges"] if node["kind"] == DEVICE else [])  # in real time no follower leads
         for edge in node["edges"]:
-            found.setdefault(edge, {})[node["kind"]] = name
+            found.setdefault(edge, {})["device" if edge in leads else "world"] = name
     return {edge: (two["device"], two["world"]) for edge, two in found.items()}
 
 
