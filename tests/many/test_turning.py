@@ -7,14 +7,11 @@ import pytest
 
 from hapnet.checks import Array
 from hapnet.ext.many.blocks import Block, Blocks
-from hapnet.ext.many.graph import graph_of
-from hapnet.ext.many.run import GraphSimulation
-from hapnet.ext.many.shared import Seat, shared_world
+from hapnet.ext.many.shared import shared_world
 from hapnet.ext.many.turning import TurningBlocks
 from tests.many.test_blocks import thrown
-from tests.many.test_carrying import assert_credit, assert_every_account
-from tests.many.test_friction import G, Lifter
-from tests.support.pushed_blocks import DAMPING, STIFFNESS, Proxy, pushed, row
+from tests.many.test_friction import G, lifted_over
+from tests.support.pushed_blocks import DAMPING, STIFFNESS, Proxy, dissipated_J, pushed, row
 
 pytestmark = pytest.mark.long  # whole runs of several pairs, or many steps
 
@@ -109,17 +106,10 @@ def test_it_gives_out_no_energy_whatever_is_thrown_at_it() -> None:
             block._replace(turns=True, friction=float(rng.uniform(0.0, 1.0)), gravity=float(rng.choice([0.0, G])))
             for block in plain.blocks
         ]
-        world, work = TurningBlocks(made, STIFFNESS, DAMPING), 0.0
+        world = TurningBlocks(made, STIFFNESS, DAMPING)
         world.v = plain.v
         world.spins = [rng.uniform(-5.0, 5.0, 3) if block.mass_kg else np.zeros(3) for block in made]
-        start = world.stored_J({})
-        for _ in range(30):
-            dt = float(10.0 ** rng.uniform(-3.0, -1.3))
-            forces, means = pushed(world, hands, dt)
-            work -= dt * float(np.sum(forces * means))
-            stored = world.stored_J({k: tuple(hand.x) for k, hand in enumerate(hands)})
-            assert work - (stored - start) >= -1e-11
-        dropped += work - (stored - start)
+        dropped += dissipated_J(world, hands, (10.0 ** rng.uniform(-3.0, -1.3, 30)).tolist(), 1e-11)
         turned = max([turned, *(1.0 - abs(q[0]) for q in world.quaternions)])
     assert dropped > 1.0
     assert turned > 0.5
@@ -138,16 +128,10 @@ def test_light_blocks_that_spin_fast_in_long_steps_give_out_no_energy() -> None:
             )
             for block in plain.blocks
         ]  # fmt: skip
-        world, work = TurningBlocks(made, STIFFNESS, DAMPING), 0.0
+        world = TurningBlocks(made, STIFFNESS, DAMPING)
         world.v = plain.v
         world.spins = [rng.uniform(-60.0, 60.0, 3) if block.mass_kg else np.zeros(3) for block in made]
-        start = world.stored_J({})
-        for _ in range(20):
-            dt = float(10.0 ** rng.uniform(-2.0, -0.6))
-            forces, means = pushed(world, hands, dt)
-            work -= dt * float(np.sum(forces * means))
-            stored = world.stored_J({k: tuple(hand.x) for k, hand in enumerate(hands)})
-            assert work - (stored - start) >= -1e-11
+        dissipated_J(world, hands, (10.0 ** rng.uniform(-2.0, -0.6, 20)).tolist(), 1e-11)
         stopped += world.stopped
     assert stopped > 0
 
@@ -198,24 +182,7 @@ def test_it_comes_to_rest_flat_on_a_table(dt: float) -> None:
 
 
 def test_two_hands_lift_it_over_a_link() -> None:
-    block = "block?mass=0.06&friction=0.8&gravity=9.81&spring=0&drag=0.2&at=0,0,0&turns=yes"
-    table: dict[str, Any] = {
-        "duration_s": 4.0,
-        "nodes": {
-            "table": {"kind": "world", "scene": f"shared:{block} + block?mass=0&size=400mm,400mm,20mm&at=0,0,-41mm"},
-            "left": {"kind": "device"},
-            "right": {"kind": "device"},
-        },
-        "edges": [
-            {"from": name, "to": "table", "link": "delay 40ms 10ms loss 2%", "at": [side * 0.06, 0, 0.01]}
-            for name, side in (("left", -1.0), ("right", 1.0))
-        ],
-    }
-    run = GraphSimulation(graph_of(table), hands={"left": Lifter(-1.0), "right": Lifter(1.0)})
-    result = run.run(lambda _: assert_credit(run))
-    assert_every_account(run, result)
-    seat = run.pairs["left-table"].world.scene
-    assert isinstance(seat, Seat)
+    seat, _ = lifted_over("delay 40ms 10ms loss 2%", "drag=0.2&turns=yes", 4.0, table="0,0,-41mm", up_m=0.01)
     assert seat.shared.blocks.x[0] == pytest.approx((0.0, 0.0, 0.04), abs=0.008)
     assert seat.picture().poses()[0, 3] == pytest.approx(1.0, abs=0.05)
 

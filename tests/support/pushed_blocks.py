@@ -1,6 +1,6 @@
 """Proxies on springs that push blocks, with equations of their own: what a joint step must obey, written anew."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf
@@ -45,6 +45,19 @@ def pushed(world: Blocks, proxies: Sequence[Proxy], dt: float) -> tuple[Array, A
     for proxy, mean in zip(proxies, means, strict=True):
         proxy.move(dt, mean)
     return forces, means
+
+
+def dissipated_J(world: Blocks, hands: Sequence[Proxy], steps_s: Iterable[float], most_J: float) -> float:
+    """The energy that is gone after these steps; after none of them has the world given out more than `most_J`."""
+    work, gone = 0.0, 0.0
+    start = world.stored_J({})
+    for dt in steps_s:
+        forces, means = pushed(world, hands, dt)
+        work -= dt * float(np.sum(forces * means))
+        stored = world.stored_J({k: tuple(hand.x) for k, hand in enumerate(hands)})
+        gone = work - (stored - start)
+        assert gone >= -most_J
+    return gone
 
 
 def spring_force(depth: float, limit: float) -> float:
