@@ -16,14 +16,11 @@ Added damping only removes energy, which PSPM harvests. `most` is the damping th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from operator import sub
 
-from hapnet.checks import Vector
-from hapnet.control.smoothing import FilteredVelocity, low_passed
-from hapnet.records.record import Floats, MatrixOfAxes, Record, equation
-from hapnet.records.vectors import inner
+from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
+from hapnet.records.record import Floats, MatrixOfAxes, OfAxes, Reals, Record, equation
+from hapnet.records.vectors import distance, times
 
 VELOCITY_S = 0.005
 """Time constant of the velocity [s]: it smooths encoder counts, and delays an oscillation of 6 Hz by 0.2 radians."""
@@ -47,7 +44,11 @@ MIN_N, SWING_N = 0.03, 0.1
 class AddedDamping(Record):
     """Computes y' from y.
 
-    stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. least : b_0 [Ns/m]. most : the maximum of b [Ns/m].
+    stiffness : K, (n, n) [N/m]. compliance : K^-1 [m/N]. minimum : b_0 [Ns/m]. most : the maximum of b [Ns/m].
+
+    Attributes
+    ----------
+    envelope : of the force's changes [N]. slow_force : the force's slow part [N]. offset, force : temporary memory.
     """
 
     minimum: float
@@ -55,35 +56,37 @@ class AddedDamping(Record):
     stiffness: MatrixOfAxes
     compliance: MatrixOfAxes
     velocity: FilteredVelocity
+    offset: OfAxes
+    force: OfAxes
+    slow_force: OfAxes
+    envelope: float
 
     def __init__(
         self, stiffness: Sequence[Sequence[float]], compliance: Sequence[Sequence[float]], minimum: float, most: float
     ) -> None:
+        n = len(stiffness)
         self.minimum, self.most = minimum, most
         self.compliance = [list(row) for row in compliance]
-        self.velocity = FilteredVelocity(VELOCITY_S, len(stiffness))
+        self.velocity = FilteredVelocity(VELOCITY_S, n)
         self.stiffness = [list(row) for row in stiffness]
-        self._slow_force: Vector = (0.0,) * len(self.stiffness)
-        self._envelope = 0.0
+        self.offset, self.force, self.slow_force = [0.0] * n, [0.0] * n, [0.0] * n
+        self.envelope = 0.0
 
-    def step(self, dt: float, x: Vector, y: Vector, age: float, freedom: float, *, swings: bool) -> Vector:
-        """y' [m].
 
-        age : of the world's answer [s]. freedom : 1 in free motion, 0 in contact.
-        swings : whether b_swing acts: the world cannot send planes.
-        """
-        self.velocity.step(dt, x)
-        damping = wanted(self, age, freedom)
-        if swings:
-            damping = max(damping, self._swinging(dt, tuple(map(sub, y, x))) * self.most)
-        damp(self, len(y), damping, damped := list(y))
-        return tuple(damped)
+@equation
+def damp_swings(added: AddedDamping, n: int, dt: float, x: Reals, y: Floats, age: float) -> None:
+    """Replace y by y' for a world that cannot send planes: b_swing acts too, and motion counts as free.
 
-    def _swinging(self, dt: float, offset: Vector) -> float:
-        force = tuple([inner(row, offset) for row in self.stiffness])
-        self._slow_force = low_passed(dt, SLOW_S, self._slow_force, force)
-        self._envelope = max(math.dist(force, self._slow_force), self._envelope * CALM_S / (CALM_S + dt))
-        return min(1.0, max(0.0, (self._envelope - MIN_N) / (SWING_N - MIN_N)))
+    age : of the world's answer [s].
+    """
+    filter_velocity(added.velocity, n, dt, x)
+    for i in range(n):
+        added.offset[i] = y[i] - x[i]
+    times(n, added.stiffness, added.offset, added.force)
+    low_pass(n, dt, SLOW_S, added.slow_force, added.force)
+    added.envelope = max(distance(n, added.force, added.slow_force), added.envelope * CALM_S / (CALM_S + dt))
+    swinging = min(1.0, max(0.0, (added.envelope - MIN_N) / (SWING_N - MIN_N)))
+    damp(added, n, max(wanted(added, age, 1.0), swinging * added.most), y)
 
 
 @equation

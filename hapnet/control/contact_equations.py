@@ -10,6 +10,7 @@ from hapnet.control.added_damping import AddedDamping, damp, wanted
 from hapnet.control.contact_plane import ContactPlane, among, copy_flat, depth, most_known, now, withdrawn
 from hapnet.control.friction_cone import RubbingProxy
 from hapnet.control.plane_changes import follow_change
+from hapnet.control.self_motion import SelfMotion
 from hapnet.control.smoothing import FilteredVelocity, filter_velocity, low_pass
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.spring import Spring
@@ -64,7 +65,8 @@ class ContactState(Record):
     ----------
     planes : the known planes, `count` of them. shifted : the displacement of all planes [m]; goal : the displacement
         that the last answer implies, if it `has_goal`. age : of that answer [s].
-    kept, kept_goal : the share of the lead in use, and the value that it approaches.
+    kept, kept_goal : the share of the lead in use, and the value that it approaches. reports : whether the world sends
+        planes; own, share_without_planes : for a world that does not, see `respond_without_planes`.
     freedom : 1 in free motion, 0 in contact. fading : the remaining compensation of a change of planes [m].
     lent_J : the energy that changes of a tool's planes have taken out of the spring, see plane_changes.py [J].
     earlier, earlier_s : the proxy's position in the answer before [m], and its time of sending [s]; `has_earlier`.
@@ -74,8 +76,7 @@ class ContactState(Record):
     is_isotropic : whether the springs have the same stiffness in all directions.
     made_x, made_s, made_fading, made_before, made_y : in the last step: x, s, fading, y without and with damping [m].
     s, touches : where the proxy rests [m], and whether it touches anything. forces : of the planes there [N].
-    leading, before : temporary memory for vectors. answer : of the world. in_use : always 1, except in unused records
-        of compiled code.
+    leading, before : temporary memory for vectors. in_use : always 1, except in unused records of compiled code.
     """
 
     in_use: int
@@ -83,6 +84,9 @@ class ContactState(Record):
     lead: MatrixOfAxes
     velocity: FilteredVelocity
     added: AddedDamping
+    own: SelfMotion
+    share_without_planes: float
+    reports: int
     fade_s: float
     shift_s: float
     yields_below: float
@@ -120,8 +124,7 @@ class ContactState(Record):
     before: OfAxes
     answer: Answer
 
-    # The parts of a step that Python overrides. Compiled code uses the functions for flat planes without friction, or
-    # those of contact_surfaces.py.
+    # The parts of a step that Python overrides. Compiled code uses those for flat planes, or for surfaces.
 
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
         """Compute y, after the lead."""

@@ -42,8 +42,8 @@ from hapnet.control.contact_plane import ContactPlane, no_planes
 from hapnet.control.contact_surfaces import compare_surfaces, look_at_surfaces, meet_planes, respond_among_surfaces
 from hapnet.control.coupling import CouplingSample, ProxySample, vector_of
 from hapnet.control.friction_cone import RubbingProxy, take_planes
-from hapnet.control.plane_changes import LENT_J, fade
-from hapnet.control.self_motion import SelfMotion
+from hapnet.control.plane_changes import LENT_J
+from hapnet.control.self_motion import SelfMotion, place, respond_without_planes, soften
 from hapnet.control.smoothing import FilteredVelocity
 from hapnet.mechanics.spring import Spring
 from hapnet.params import ContactModelParams
@@ -88,14 +88,14 @@ class ContactModel(ContactState):
         self.rubbing = RubbingProxy(self.compliance, position)
         self.is_isotropic = self.rubbing.is_isotropic
         self.seen = no_planes(self.compliance, len(position))
-        self._self_motion = self_motion
+        self.own = self_motion
         self.added = added
         self.velocity = FilteredVelocity(lead_s, len(position))
         self.fade_s = checks.positive("fade_s", fade_s)
         self.shift_s = checks.positive("shift_s", shift_s)
         self.yields_below = checks.non_negative("yields_below", yields_below)
         self.remembers = int(remembers)
-        self._share_without_planes = checks.positive("share_without_planes", share_without_planes)
+        self.share_without_planes = checks.positive("share_without_planes", share_without_planes)
         self.forces = [0.0] * PLANES
         self.answer = Answer()
         self._by_grain: Vector = (0.0,) * len(position)
@@ -117,11 +117,11 @@ class ContactModel(ContactState):
         self.velocity.reset()
         self.lent_J = LENT_J
         self.freedom = self.kept = self.kept_goal = 1.0
-        self._self_motion.reset(position)
+        self.own.reset(position)
 
     def release(self, position: Vector) -> None:
         """Continue y at `position` [m]; keep the planes, and the present share of the lead."""
-        planes, reports, kept = self.planes, self._reports, (self.kept, self.kept_goal)
+        planes, reports, kept = self.planes, self.reports, (self.kept, self.kept_goal)
         self.reset(position)
         if reports:
             self._know(planes)
@@ -130,7 +130,7 @@ class ContactModel(ContactState):
 
     def _know(self, planes: Sequence[ContactPlane] | None) -> None:
         """Use these planes from now on; None: the world cannot send planes."""
-        self._reports: bool = planes is not None
+        self.reports = int(planes is not None)
         self.planes = list(planes or ())
         self.count = len(self.planes)
         self.bends = int(any(one.bends.count for one in self.planes))
@@ -143,14 +143,16 @@ class ContactModel(ContactState):
 
     @property
     def goes_on(self) -> bool:
-        """True if the next step can be made on the record alone: the world sends planes, all without effects."""
+        """True if the next step can be made on the record alone: it takes in planes without effects, or no answer."""
         answer = self.answer
-        reports = self._reports and not self.acts
-        return reports and not (answer.pending and (answer.count < 0 or any(one.effects for one in answer.planes)))
+        if not answer.pending:
+            return not self.acts
+        takes_planes = self.reports and answer.count >= 0 and not any(one.effects for one in answer.planes)
+        return not self.acts and bool(takes_planes)
 
     def went_on(self, dt: float, x: Vector) -> None:
         """Account for a step that was made on the record."""
-        self._self_motion.observe(dt, x)
+        self.own.observe(dt, x)
 
     def receive(self, sample: CouplingSample, sent_s: float, age_s: float) -> None:
         """Take in the world's newest answer and its age; see `CouplingState.receive`."""
@@ -170,7 +172,7 @@ class ContactModel(ContactState):
     def step(self, dt: float, x: Vector) -> Vector:
         """y [m] at the position x [m], `dt` seconds after the last step."""
         n, y = len(x), list(x)
-        self._self_motion.observe(dt, x)
+        self.own.observe(dt, x)
         step(self, n, dt, x, y)
         return tuple(y)
 
@@ -185,41 +187,29 @@ class ContactModel(ContactState):
         answer = self.answer
         self._know(answer.planes if count >= 0 else None)
         if count < 0:
-            self._self_motion.receive(tuple(answer.position), answer.age_s)
+            self.own.receive(tuple(answer.position), answer.age_s)
         else:
             meet_planes(self, n)
 
-    def _softened(self, x: Vector, y: Vector) -> Vector:
-        """y, moved towards x, for a world without planes: a stiff spring to its late answer would ring."""
-        share = self._share_without_planes
-        return y if share == 1.0 else tuple([a + share * (b - a) for a, b in zip(x, y, strict=True)])
-
     def respond(self, n: int, dt: float, x: Vector, y: Floats) -> None:
         """Compute y."""
-        if self._reports:
-            if self.acts:
-                lift(self, x)
-            respond_among_surfaces(self, n, dt, x, y)
-            if self.acts:
-                self._by_grain = act(self, n, x, y)
+        if not self.reports:
+            respond_without_planes(self, n, dt, x, y)
             return
-        self.rubbing.place[:] = x
-        lead = tuple([part / self._share_without_planes for part in self.leading])
-        y[:] = self._softened(x, self._self_motion.step(dt, x, lead))
-        fade(self, n, dt, y)
-        damped = self.added.step(dt, x, tuple(y), self.age, 1.0, swings=True)
-        for made, part in ((self.made_x, x), (self.made_s, x), (self.made_fading, self._still),
-                           (self.made_before, y), (self.made_y, damped)):  # fmt: skip
-            made[:] = part
-        y[:] = damped
+        if self.acts:
+            lift(self, x)
+        respond_among_surfaces(self, n, dt, x, y)
+        if self.acts:
+            self._by_grain = act(self, n, x, y)
 
     def look(self, n: int, x: Vector) -> None:
         """Find where the proxy rests for the device at x [m], with effects: y without lead and fading."""
-        if self._reports:
+        if self.reports:
             if self.acts:
                 lift(self, x)
             look_at_surfaces(self, n, x)
             if self.acts:
                 self.s[:] = list(map(add, self.s, pull(self, n, x)[0]))
         else:
-            self.s[:] = self._softened(x, self._self_motion.at(x))
+            place(self.own, n, x, self.s)
+            soften(self.share_without_planes, n, x, self.s)

@@ -22,6 +22,7 @@ from hapnet.control.contact_equations import (
 )
 from hapnet.control.contact_plane import ContactPlane, copy_bent, depth, see_from
 from hapnet.control.friction_cone import ROUNDS
+from hapnet.control.self_motion import respond_without_planes
 from hapnet.records.record import AXES, Floats, Reals, equation
 from hapnet.records.vectors import copy, length
 
@@ -126,3 +127,16 @@ IN_PLACE_OF_FLAT_ONES: dict[Callable[..., Any], Callable[..., Any]] = {
     use_planes: use_surface_planes,
 }  # fmt: skip
 """The functions to compile for surfaces with curvature or friction."""
+
+
+@equation
+def respond_in_any_world(model: ContactState, n: int, dt: float, x: Reals, y: Floats) -> None:
+    """Compute y in a world with planes of all kinds, or without planes."""
+    if model.reports:
+        respond_among_surfaces(model, n, dt, x, y)
+    else:
+        respond_without_planes(model, n, dt, x, y)
+
+
+IN_ANY_WORLD = IN_PLACE_OF_FLAT_ONES | {respond: respond_in_any_world}
+"""The functions to compile for a device that does not know its world beforehand."""

@@ -20,7 +20,7 @@ from hapnet.control.reserve import ForceGuard, Holding, HoldTime, admit, needed
 from hapnet.control.set_position_coupling import SetPositionCoupling, potential, update
 from hapnet.mechanics import spring as springs
 from hapnet.mechanics.encoders import rounding
-from hapnet.records.record import OfAxes, Reals, Record, compiled_as, equation
+from hapnet.records.record import OfAxes, Reals, Record, equation
 from hapnet.records.vectors import added, copy, distance, length
 
 Harvest = Literal["range", "measured"]
@@ -60,6 +60,13 @@ class SampledServo(Record):
     before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
         its maximum distance from the spring's force [N].
     shown : the position for which `commanded` was computed [m].
+    longest : the longest time for which a force may be held [s]; later ticks are late. speed : the device's maximum
+        speed, as declared [m/s]; below 0: it is unknown, and overruns are not counted.
+    overrun_leak : energy that held torques output beyond the account while the servo was later than allowed [J].
+    overrun_risk : the most energy that the device may have output beyond the account and taken back in between [J]; 0
+        if its path is known, see `SampledServo.follow`.
+    follows, followed, before_J, least_J : whether a late tick's path is followed, for how long so far [s], and P at its
+        beginning and its smallest value since [J].
     wanted, pull, caused : temporary memory for forces.
     """
 
@@ -86,6 +93,14 @@ class SampledServo(Record):
     boundary: float
     speed_max: float
     guarded: int
+    longest: float
+    speed: float
+    overrun_leak: float
+    overrun_risk: float
+    follows: int
+    followed: float
+    before_J: float
+    least_J: float
     shown: OfAxes
     wanted: OfAxes
     pull: OfAxes
@@ -118,17 +133,12 @@ class SampledServo(Record):
         self.damping = list(damping)
         self.trusted_damping: Vector = trusted_damping or (0.0,) * n
         self.holding = holding
-        self.overrun_leak: float = 0.0
-        """Energy that held torques output beyond the account while the servo was later than allowed [J]."""
-        self.overrun_risk: float = 0.0
-        """The most energy that the device may have output beyond the account and taken back in between [J]; 0 if its
-        path is known, see `follow`."""
         self.force_ends_s: float = math.inf
         """Time without a command after which the device itself ends the force [s]; infinite: it does not."""
         self.guard = guard or ForceGuard()
-        self._max_hold = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
-        self._hold_time = HoldTime(self._max_hold, math.inf if holding is None else holding.most)
-        self._followed: tuple[float, float, float] | None = None  # time followed, P at its start, smallest P since
+        self.longest = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
+        self.speed = -1.0 if holding is None else holding.speed
+        self._hold_time = HoldTime(self.longest, math.inf if holding is None else holding.most)
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
         self.position, self.low, self.high, self.shown = [list(position) for _ in range(4)]
         for name in ("held", "commanded", "before", "velocity", "wanted", "pull", "caused"):
@@ -203,8 +213,7 @@ class SampledServo(Record):
         release is always measured, because (10) does not cover a torque held for so long.
         """
         coupling = self.coupling
-        if dt > self._max_hold or self._hold_time.expected > self._max_hold:
-            self._expect(dt)
+        self.expect(dt)
         if release:
             hold_on(self, coupling, dt, x)
             coupling.release(x, take(self.measured, coupling.potential(x) - self.potential))
@@ -214,47 +223,24 @@ class SampledServo(Record):
             return None
         return sent(self.sender, coupling, x)
 
-    def come(self, dt: float, x: Vector) -> None:
-        """Account for `dt` seconds in which the force was held and the device moved to x [m], on time or late."""
-        if dt > self._max_hold or self._followed is not None:
-            self._overrun(dt, x)
-        else:
-            move(self, self.coupling, dt, x)
-
     def skippable_ticks(self, dt: float) -> int:
         """As `DeviceCoupling.skippable_ticks`: PSPM does not run in these ticks."""
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
-
-    def is_late(self, dt: float) -> bool:
-        """Whether this tick, `dt` seconds after the last, or a recent one is late; the overrun must then be counted."""
-        return dt > self._max_hold or self._hold_time.expected > self._max_hold or self._followed is not None
 
     def follow(self, dt: float, x: Vector) -> None:
         """Account for further `dt` seconds in which a late servo held the force and the device moved to x [m].
 
         For a device whose path is known. The `dt` of the next `tick` is nevertheless the time since the last tick.
         """
-        coupling = self.coupling
-        since, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
-        move(self, coupling, dt, x)
-        self._followed = since + dt, before, min(minimum, stored(self, coupling))
+        follow(self, self.coupling, dt, x)
 
-    def _overrun(self, dt: float, x: Vector) -> None:
-        """As `move`, for the part of `dt` seconds that `follow` has not counted; counts output beyond the account."""
-        coupling = self.coupling
-        followed, before, minimum = self._followed or (0.0, stored(self, coupling), math.inf)
-        move(self, coupling, dt - followed, x)
-        if dt > self._max_hold and self.holding is not None:
-            self.overrun_leak += max(0.0, -min(minimum, stored(self, coupling)) - max(0.0, -before))
-            if self._followed is None:
-                far = self.holding.speed * dt + self.rounding
-                self.overrun_risk = max(self.overrun_risk, math.hypot(*self.force) * far - max(0.0, before))
-        self._followed = None
-
-    def _expect(self, dt: float) -> None:
-        """Limit the force so that the account can pay for another overrun like those before."""
+    def expect(self, dt: float) -> None:
+        """At a tick `dt` seconds after the last: limit the force so that the account can pay for another overrun like
+        those before."""
+        if dt <= self.longest and self._hold_time.expected <= self.longest:
+            return
         self._hold_time.tick(dt, min(dt, self.force_ends_s))
-        late = self.holding is not None and self._hold_time.expected > self._max_hold
+        late = self.holding is not None and self._hold_time.expected > self.longest
         self.guard.cover(self.holding.far_in(self._hold_time.expected) if late and self.holding is not None else 0.0)
 
     def stop(self) -> None:
@@ -281,10 +267,33 @@ def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
     ledgers.observe(coupling.ledger, potential(coupling, x), account(servo, coupling))
 
 
-@compiled_as(move)
-def _come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
-    """As `move`; in Python the servo may also be late."""
-    servo.come(dt, tuple(x))
+@equation
+def follow(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
+    """Account for further `dt` seconds of a late tick: `SampledServo.follow`."""
+    if not servo.follows:
+        servo.follows, servo.followed = 1, 0.0
+        servo.before_J = stored(servo, coupling)
+        servo.least_J = math.inf
+    move(servo, coupling, dt, x)
+    servo.followed += dt
+    servo.least_J = min(servo.least_J, stored(servo, coupling))
+
+
+@equation
+def come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
+    """As `move`, for a tick that may be late: for the part of `dt` seconds that was not followed. Counts the output
+    beyond the account."""
+    if dt <= servo.longest and not servo.follows:
+        move(servo, coupling, dt, x)
+        return
+    before, least = (servo.before_J, servo.least_J) if servo.follows else (stored(servo, coupling), math.inf)
+    move(servo, coupling, dt - (servo.followed if servo.follows else 0.0), x)
+    if dt > servo.longest and servo.speed >= 0.0:
+        servo.overrun_leak += max(0.0, -min(least, stored(servo, coupling)) - max(0.0, -before))
+        if not servo.follows:
+            far = servo.speed * dt + servo.rounding
+            servo.overrun_risk = max(servo.overrun_risk, length(servo.n, servo.held) * far - max(0.0, before))
+    servo.follows = 0
 
 
 @equation
@@ -294,7 +303,7 @@ def hold_on(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Re
     coupling.shuffled = 0.0
     if servo.resolution != 0.0:
         blur(servo, coupling)
-    _come(servo, coupling, dt, x)
+    come(servo, coupling, dt, x)
     servo.elapsed += dt
     return coupling.has_sample != 0 or servo.elapsed >= servo.due
 

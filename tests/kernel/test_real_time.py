@@ -8,7 +8,8 @@ import pytest
 
 from hapnet.assembly.build import Setup, prepare, virtual_mass
 from hapnet.checks import Vector
-from hapnet.control.coupling import DeviceCoupling, Ends, PositionSample, ProxySample, WorldCoupling, counted
+from hapnet.control.coupling import Ends, PositionSample, ProxySample, WorldCoupling, counted
+from hapnet.control.set_position_servo import SampledServo
 from hapnet.control.set_position_steps import SetPositionSteps
 from hapnet.couplings.spec import CouplingStart
 from hapnet.ext.compiled import names, real_time
@@ -99,10 +100,12 @@ def inputs(seed: int, n: int, kinds: tuple[str, ...]) -> Iterator[tuple[str, Any
         if k == 700:
             yield "peer", None
         dt = float(rng.choice([DT, DT, DT, 1.01 * DT])) if k % 400 != 399 else 0.04
+        if k % 800 == 799:  # the device moved on while the servo stalled
+            yield "follow", (0.5 * dt, tuple((0.5 * (before + x)).tolist()))
         yield "tick", (dt, tuple(x.tolist()), tuple(((x - before) / dt).tolist()), 900 < k < 905)
 
 
-def drive(servo: DeviceCoupling, happened: Iterator[tuple[str, Any]]) -> Iterator[Any]:
+def drive(servo: SampledServo, happened: Iterator[tuple[str, Any]]) -> Iterator[Any]:
     for what, value in happened:
         if what == "sample":
             servo.coupling.receive(*value)
@@ -110,6 +113,8 @@ def drive(servo: DeviceCoupling, happened: Iterator[tuple[str, Any]]) -> Iterato
             servo.coupling.credit(value)
         elif what == "peer":
             yield servo.coupling.on_peer_changed()
+        elif what == "follow":
+            servo.follow(*value)
         else:
             dt, x, v, release = value
             update = servo.tick(dt, x, v, release=release)
@@ -146,6 +151,7 @@ def test_a_compiled_servo_gives_the_same_bits(case: str) -> None:
         for ends in (Ends(), compiled_ends(names.SERVO, n))
     )
     assert isinstance(fast, CompiledServo)
+    assert isinstance(plain, SampledServo)
     assert not isinstance(plain, CompiledServo)
     for one, other in zip(drive(plain, inputs(7, n, kinds)), drive(fast, inputs(7, n, kinds)), strict=True):
         assert one == other

@@ -7,7 +7,7 @@ from typing import Any
 
 from hapnet.checks import Vector
 from hapnet.control.contact_model import ContactModel
-from hapnet.control.contact_surfaces import IN_PLACE_OF_FLAT_ONES
+from hapnet.control.contact_surfaces import IN_ANY_WORLD
 from hapnet.control.coupling import DeviceCoupling, Ends, Made, WorldCoupling
 from hapnet.control.predicted_device import PredictedDevice
 from hapnet.control.pspm import SetPositionModulator
@@ -48,7 +48,7 @@ def make_ready(name: str) -> Any:
     from hapnet.ext.compiled.twins import ready  # here, since it loads numba
 
     array, _ = bound.memory(kind, int(axes or AXES))  # a device has no suffix for axes
-    run = ready(module.enter, name, OF_SET_POSITIONS | IN_PLACE_OF_FLAT_ONES, array)
+    run = ready(module.enter, name, OF_SET_POSITIONS | IN_ANY_WORLD, array)
     run.disable_compile()  # a call with other argument types must fail, not compile for half a minute
     return run
 

@@ -37,7 +37,7 @@ class ServoEnd(Record):
 
 @equation
 def tick(end: ServoEnd) -> int:
-    """Make a tick of the sampled servo, which must be in time: `SampledServo.tick`."""
+    """Make a tick of the sampled servo: `SampledServo.tick`."""
     end.interval, end.takes = end.servo.elapsed + end.dt, end.model.answer.pending
     return servos.tick(end.servo, end.coupling, end.model, end.dt, end.x, end.v, end.who)
 
@@ -48,7 +48,7 @@ def enter(ends: Sequence[ServoEnd]) -> int:
 
 
 class CompiledServo(SampledServo):
-    """A `SampledServo` with compiled ticks. Python makes late ticks, and any choice of y that only Python can make."""
+    """A `SampledServo` with compiled ticks. Python makes any choice of y that only Python can make."""
 
     def runs(self, array: Any, end: Any, run: Any) -> None:
         """Set the compiled tick.
@@ -59,8 +59,9 @@ class CompiledServo(SampledServo):
         self.limit_gifts()
 
     def tick(self, dt: float, x: Vector, v: Vector, *, release: bool = False) -> Update | None:
-        if release or self.is_late(dt):
-            return super().tick(dt, x, v, release=release)
+        if release:
+            return super().tick(dt, x, v, release=True)
+        self.expect(dt)
         end, model, n = self._end, self.model, self.n
         end.dt, end.x[:n], end.v[:n] = dt, x, v
         end.who = ITSELF if model is None or model.goes_on else ASKING
