@@ -49,8 +49,11 @@ def one_text(declared: object, dof: int, name: str = "units") -> str:
 def text_in(meta: Mapping[str, Any], dof: int) -> str:
     """The units' text in a recording's description; metres if it has none that fits."""
     params = meta.get("params")
+    declared = params.get("units") if isinstance(params, Mapping) else None
+    if declared is None:  # for each sample of a recording: an exception would take as long as writing it
+        return METRES
     try:
-        return one_text(params.get("units") if isinstance(params, Mapping) else METRES, dof)
+        return one_text(declared, dof)
     except InvalidParameter:
         return METRES
 

@@ -95,10 +95,14 @@ class CompiledEnds(CompiledDevices):
         return made
 
     def steps(self, steps: WorldCoupling, mass: Mass, contacts: Surroundings) -> WorldCoupling:
-        """Return an end with compiled steps if possible, else `steps`. Among walls the steps of the mass are compiled
-        too: see `mass`. Do not use replaced arguments afterwards, except a mass that such an end has moved before.
+        """Return an end with compiled steps among walls if possible, else `steps`. `mass` is the mass that it moves. Do
+        not use replaced arguments afterwards, except a mass that such an end has moved before.
+
+        Elsewhere Python makes the step, and compiled memory would only slow it down.
         """
-        if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling):
+        if type(steps) is not SetPositionSteps or not _is_covered(steps.coupling) or not _are_walls(contacts):
+            return steps
+        if not (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)):
             return steps
         source, n = steps.coupling.source, len(steps.coupling.y)
         if not (source is None or type(source) is PredictedDevice) or not sources.are_compiled(named(WORLD, n)):
@@ -113,18 +117,15 @@ class CompiledEnds(CompiledDevices):
                 steps.reporter.predicted = predicted
         coupling = move.to(end.coupling, steps.coupling, CompiledCoupling)
         coupling.runs(array, end, run)
-        made = CompiledSteps(coupling, steps.reporter, array, end, run)
+        assert isinstance(contacts, Contacts)
+        bound.copy(end.contacts, contacts)
+        made = CompiledSteps(coupling, steps.reporter, _moved(mass, end), contacts, array, end, run)
         made.in_contact = steps.in_contact
-        if (type(mass) is PassiveIntegrator or isinstance(mass, CompiledMass)) and _are_walls(contacts):
-            assert isinstance(contacts, Contacts)
-            bound.copy(end.contacts, contacts)
-            made.mass, made.contacts = _moved(mass, end), contacts
         return made
 
     def mass(self, steps: WorldCoupling, mass: Mass) -> Mass:
         """The mass that `steps` moves by compiled calls; `mass` itself if there is none."""
-        moved = steps.mass if isinstance(steps, CompiledSteps) else None
-        return mass if moved is None else moved
+        return steps.mass if isinstance(steps, CompiledSteps) else mass
 
 
 def _moved(mass: PassiveIntegrator, end: Any) -> CompiledMass:

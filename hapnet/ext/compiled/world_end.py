@@ -110,26 +110,30 @@ class CompiledMass(PassiveIntegrator):
 
 
 class CompiledSteps(SetPositionSteps):
-    """`SetPositionSteps` with compiled steps; the steps of `mass` are compiled too while it is among `contacts`.
+    """`SetPositionSteps` with compiled steps of `mass` among the walls `contacts`.
 
     coupling, reporter : as in `SetPositionSteps`. array, end : the end's memory. run : the compiled function.
     """
 
     def __init__(
-        self, coupling: CompiledCoupling, reporter: SampleReporter | None, array: Any, end: Any, run: Any
+        self,
+        coupling: CompiledCoupling,
+        reporter: SampleReporter | None,
+        mass: CompiledMass,
+        contacts: Contacts,
+        array: Any,
+        end: Any,
+        run: Any,
     ) -> None:
         super().__init__(coupling, reporter)
+        self.mass, self.contacts = mass, contacts
         self._array, self._end, self._run = array, end, run
-        self.mass: CompiledMass | None = None
-        self.contacts: Surroundings | None = None
         self._moved = False
 
     def advance(self, mass: Mass, dt: float, contacts: Surroundings) -> Step:
-        is_own = self.mass is not None and mass is self.mass and contacts is self.contacts
-        self._moved = is_own and self._moves(dt)
+        self._moved = mass is self.mass and contacts is self.contacts and self._moves(dt)
         if not self._moved:
             return super().advance(mass, dt, contacts)
-        assert self.mass is not None
         done = self.mass.ended()
         if self.reporter is not None:
             self.reporter.moved(done, contacts)
