@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hapnet.assembly.build import Setup
+from hapnet.assembly.build import Setup, compiled_ends
 from hapnet.control.two_port import begin
 from hapnet.errors import HapnetError
 from hapnet.ext.many.bodies import EdgeEnds, SharedBody
@@ -103,7 +103,7 @@ class GraphSimulation:
 
     def _pair(self, number: int, edge: Edge, setup: Setup) -> Simulation:
         """The pair of an edge."""
-        setup = replace(setup, hand=self._hands.get(edge.device))
+        setup = replace(setup, hand=self._hands.get(edge.device), ends=compiled_ends())
         if edge.device in self.bodies:
             setup = replace(setup, ends=EdgeEnds(self.bodies[edge.device]))
         seed = self.seed if not number else int(np.random.SeedSequence([self.seed, number]).generate_state(1)[0])
