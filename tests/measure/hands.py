@@ -54,7 +54,9 @@ def pushed_by(count: int, first: int, duration_s: float) -> None:
             minutes.append(time.process_time())
 
     total, step_s, result = cpu_of(run, see)
-    print(f"{count:3} hands, {duration_s:g} s: {total / count / duration_s:.3f} s of CPU a hand and second; "
+    simulated_s = run.now_ns * NANO
+    print(f"{count:3} hands, {duration_s:g} s after {simulated_s - duration_s:.1f} s until all were paired: "
+          f"{total / count / simulated_s:.3f} s of CPU a hand and second; "
           f"{1e6 * step_s / count:.0f} us a hand and step of the world; contacts alone, with the test's own "
           f"proxies, {1e6 * contacts_s(count) / count:.0f} us")  # fmt: skip
     slacks = [side.coupling.ledger.slack_min for pair in result.pairs.values() for side in (pair.device, pair.world)]
