@@ -167,6 +167,11 @@ class SimulatedDevice(Record):
             square += velocity[i] * velocity[i]
         return 0.5 * self.mass * square
 
+    def shared_periods(self, now_ns: int) -> int | None:
+        """The number of periods by which a body with several sides moves in the tick at `now_ns`, all at once; None: it
+        has one side, which knows the number."""
+        return None
+
     def read(self) -> tuple[Vector, Vector]:
         """Position and velocity; with encoders, whole counts and their difference quotient since the last read."""
         if self.resolution == 0.0:

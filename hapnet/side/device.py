@@ -284,11 +284,8 @@ class DeviceSide(ABC):
         if self.paused:
             self._expected_ns = now_ns
             return 0
-        self._expected_ns += self.drive.period_ns
-        if now_ns == self._expected_ns:
-            return 1
-        periods = 1 + round((now_ns - self._expected_ns) / self.drive.period_ns)
-        self._expected_ns += (periods - 1) * self.drive.period_ns
+        periods = periods_until(now_ns, self._expected_ns, self.drive.period_ns)
+        self._expected_ns += periods * self.drive.period_ns
         return periods
 
     def _record(
@@ -322,6 +319,11 @@ class DeviceSide(ABC):
     def _emit(self, write: Callable[[S], None], sample: S) -> None:
         """Write the sample of this tick; in the next one, if the device tells only then which force it held."""
         write(sample)
+
+
+def periods_until(now_ns: int, advanced_ns: int, period_ns: int) -> int:
+    """The number of whole periods by which a device that was advanced to `advanced_ns` keeps up with `now_ns`."""
+    return 1 + round((now_ns - advanced_ns - period_ns) / period_ns)
 
 
 @equation

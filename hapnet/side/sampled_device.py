@@ -118,9 +118,10 @@ class SampledDeviceSide(DeviceSide):
         held = self.held
         elapsed_s = followed_s = 0.0
         if held is not None:
-            periods, period = self._periods(now_ns), held.plant.period
+            period, shared = held.plant.period, held.plant.shared_periods(now_ns)
+            periods = self._periods(now_ns) if shared is None else shared
             elapsed_s = periods * period
-            if self._follow is not None and periods > 1:
+            if self._follow is not None and periods > 1 and shared is None:
                 followed_s = (periods - 1) * period
                 for _ in range(periods - 1):
                     self._live_through(held, self._follow)

@@ -7,15 +7,16 @@ measures the work of just the force that it holds, and the damping of the body's
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar, Protocol
 
 from hapnet.checks import Vector
-from hapnet.control.coupling import Ends, Made
+from hapnet.control.coupling import DeviceCoupling, Ends, Made
 from hapnet.ext.robots.follower import Outside, Robot
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.records.vectors import copy, inner
+from hapnet.side.device import periods_until
+from hapnet.side.endpoint import NANO
 
 
 class SharedBody(Protocol):
@@ -31,8 +32,9 @@ class SharedBody(Protocol):
     def motion(self) -> tuple[Vector, Vector]:
         """Its true position [m] and velocity [m/s]."""
 
-    def reach(self, device: EdgeDevice) -> None:
-        """Move to the present time, unless that was done, and let the device of this edge know it."""
+    def reach(self, device: EdgeDevice, now_ns: int) -> int:
+        """Move to the present time, unless that was done, and let the device of this edge know it. Returns the number
+        of its periods in this tick."""
 
 
 class EdgeDevice(SimulatedDevice):
@@ -61,15 +63,17 @@ class EdgeDevice(SimulatedDevice):
 
     def read(self) -> tuple[Vector, Vector]:
         if not self.begun:
-            self.begun = True
+            self.begun, self.others_J = True, 0.0
             self.show()
         return super().read()
 
+    def shared_periods(self, now_ns: int) -> int:
+        return self.body.reach(self, now_ns)
+
     def advance(self) -> float:
-        """Let the body reach the present time. Returns the work of all that has moved it but this edge's force [J]."""
+        """Take over what the body has reached. Returns the work of all that has moved it but this edge's force [J]."""
         self.ticks += 1
         self.time = self.ticks * self.period
-        self.body.reach(self)
         self.show()
         work, self.others_J = self.others_J, 0.0
         return work
@@ -83,15 +87,19 @@ class EdgeDevice(SimulatedDevice):
 
 
 class HeldBody(SharedBody):
-    """A simulated device in its hand. It begins to move when control of all its edges has started.
+    """A simulated device in its hand.
 
-    plant : without a force limit; each edge has its share of the limit. clock : the present time [ns].
+    plant : without a force limit; each edge has its share of the limit. waits : whether it begins to move when control
+    of all its edges has started; else with the first.
     """
 
-    def __init__(self, plant: SimulatedDevice, clock: Callable[[], int]) -> None:
+    def __init__(self, plant: SimulatedDevice, *, waits: bool) -> None:
         self.devices = []
-        self._plant, self._clock = plant, clock
-        self._work_J, self._moved_ns = 0.0, -1
+        self._plant, self._waits = plant, waits
+        self._work_J = 0.0
+        self._period_ns = round(plant.period / NANO)
+        self._advanced_ns: int | None = None  # the time to which it was advanced; None: it does not move yet
+        self._now_ns, self._periods = -1, 1  # of the last move
 
     @property
     def work_J(self) -> float:
@@ -101,17 +109,26 @@ class HeldBody(SharedBody):
     def motion(self) -> tuple[Vector, Vector]:
         return self._plant.position, self._plant.velocity
 
-    def reach(self, device: EdgeDevice) -> None:
-        now_ns, plant = self._clock(), self._plant
-        if now_ns == self._moved_ns or not all(one.begun for one in self.devices):
-            return
-        self._moved_ns = now_ns
+    def reach(self, device: EdgeDevice, now_ns: int) -> int:
+        if now_ns == self._now_ns or (self._waits and not all(one.begun for one in self.devices)):
+            return self._periods
+        if self._advanced_ns is None:
+            self._advanced_ns = now_ns - self._period_ns
+        self._now_ns, self._periods = now_ns, periods_until(now_ns, self._advanced_ns, self._period_ns)
+        self._advanced_ns += self._periods * self._period_ns
+        self._move()
+        return self._periods
+
+    def _move(self) -> None:
+        plant = self._plant
         force, *others = [one.state.torque for one in self.devices]
         for other in others:
             force = [one + more for one, more in zip(force, other, strict=True)]
         plant.apply(tuple(force))
         before = plant.position
-        by_hand_J = plant.advance()
+        by_hand_J = 0.0
+        for _ in range(self._periods):
+            by_hand_J += plant.advance()
         moved = [end - begin for begin, end in zip(before, plant.position, strict=True)]
         self._work_J -= inner(force, moved)
         for one in self.devices:
@@ -148,12 +165,13 @@ class RobotBody(SharedBody, Outside):
             return self._start, (0.0,) * len(self._start)
         return self.robot.body.position, self.robot.body.velocity
 
-    def reach(self, device: EdgeDevice) -> None:
+    def reach(self, device: EdgeDevice, now_ns: int) -> int:
         """The robot has been moved by its leader's steps."""
         force = device.state.torque
         moved = [end - begin for begin, end in zip(device.position, self.motion[0], strict=True)]
         device.others_J -= inner(force, moved)
         device.state.hand_force[:] = [-one for one in force]
+        return 1
 
     def acts(self, dt: float, position: Vector) -> tuple[Vector, float]:
         self._work_J -= inner(self._force, self._since(position))
@@ -178,10 +196,13 @@ class RobotBody(SharedBody, Outside):
 
 
 class EdgeEnds(Ends):
-    """Puts an `EdgeDevice` of this body in place of an edge's simulated device."""
+    """Puts an `EdgeDevice` of this body in place of an edge's simulated device. faster : makes the servo faster."""
 
-    def __init__(self, body: SharedBody) -> None:
-        self._body = body
+    def __init__(self, body: SharedBody, faster: Ends | None = None) -> None:
+        self._body, self._faster = body, faster or Ends()
+
+    def servo(self, servo: DeviceCoupling) -> DeviceCoupling:
+        return self._faster.servo(servo)
 
     def simulated(self, device: Made) -> Made:
         assert isinstance(device, SimulatedDevice), "graphs simulate their devices"

@@ -89,7 +89,7 @@ class GraphSimulation:
         self._hands = hands or {}
         self.now_ns = 0
         setups = graph_setups(graph, change)
-        self.bodies: dict[str, SharedBody] = bodies_of(graph, setups, change, self._hands, lambda: self.now_ns)
+        self.bodies: dict[str, SharedBody] = bodies_of(graph, setups, change, self._hands)
         self.pairs: dict[str, Simulation] = {
             edge.name: self._pair(number, edge, setups[edge.name]) for number, edge in enumerate(graph.edges.values())
         }
@@ -98,7 +98,7 @@ class GraphSimulation:
             pairs = {edge.name: self.pairs[edge.name] for edge in graph.led_to(node)}
             if pairs:
                 self._world_of |= dict.fromkeys(pairs, _World(list(pairs.values())))
-            bind(self.bodies.get(node), pairs.values())
+            bind(self.bodies.get(node), [pair.world for pair in pairs.values()])
         self.duration_s: float = next(iter(setups.values())).params.duration_s  # the same for all
 
     def _pair(self, number: int, edge: Edge, setup: Setup) -> Simulation:

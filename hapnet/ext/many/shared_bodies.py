@@ -15,8 +15,9 @@ from hapnet.ext.many.hands import graph_setups
 from hapnet.ext.many.shares import is_shared
 from hapnet.ext.robots.follower import Robot
 from hapnet.params import Params
+from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
-from hapnet.simulation.simulation import Simulation
+from hapnet.side.world import WorldSide
 
 
 def bodies_of(
@@ -24,31 +25,46 @@ def bodies_of(
     setups: Mapping[str, Setup],
     change: Callable[[Params], Params],
     hands: Mapping[str, Operator],
-    clock: Callable[[], int],
 ) -> dict[str, SharedBody]:
     """The bodies by the names of their nodes. setups : of the edges. hands : in place of the nodes' operators.
 
     Raises InvalidParameter: a hand is not valid.
     """
-    found: dict[str, SharedBody] = {}
-    for node in graph.nodes.values():
-        leads = graph.led_by(node.name)
-        if node.kind == DEVICE and is_shared(graph, leads[0]):
-            found[node.name] = _held(graph, leads[0], change, hands.get(node.name), clock)
-        elif node.kind == FOLLOWER and (leads or node.is_held):
-            found[node.name] = _robot(graph, node, setups[graph.led_to(node.name)[0].name], hands.get(node.name))
-    return found
+    bodies = {
+        node.name: body_of(graph, node, setups, change, hands.get(node.name), waits=True)
+        for node in graph.nodes.values()
+    }
+    return {name: body for name, body in bodies.items() if body is not None}
 
 
-def _held(
-    graph: Graph, edge: Edge, change: Callable[[Params], Params], hand: Operator | None, clock: Callable[[], int]
-) -> HeldBody:
+def body_of(
+    graph: Graph,
+    node: Node,
+    setups: Mapping[str, Setup],
+    change: Callable[[Params], Params],
+    hand: Operator | None = None,
+    *,
+    waits: bool,
+) -> SharedBody | None:
+    """The body of this node; None: it is a world, or has just one pair with the whole of it. waits : see `HeldBody`.
+
+    Raises InvalidParameter: its hand is not valid.
+    """
+    leads = graph.led_by(node.name)
+    if node.kind == DEVICE and is_shared(graph, leads[0]):
+        return HeldBody(_held(graph, leads[0], change, hand), waits=waits)
+    if node.kind == FOLLOWER and (leads or node.is_held):
+        return _robot(graph, node, setups[graph.led_to(node.name)[0].name], hand)
+    return None
+
+
+def _held(graph: Graph, edge: Edge, change: Callable[[Params], Params], hand: Operator | None) -> SimulatedDevice:
     """The whole device of which this edge has a share."""
     with about(f"edges.{edge.name}"):
         setup = prepare(change(graph.pair(edge)), "sampled")
         device = replace(setup.params.device, force_limit_N=0.0)
         whole = replace(setup.params, device=device)
-        return HeldBody(simulated_device(whole, setup.scene, hand or operator(whole, setup.scene)), clock)
+        return simulated_device(whole, setup.scene, hand or operator(whole, setup.scene))
 
 
 def _robot(graph: Graph, node: Node, setup: Setup, hand: Operator | None) -> RobotBody:
@@ -58,11 +74,11 @@ def _robot(graph: Graph, node: Node, setup: Setup, hand: Operator | None) -> Rob
     return RobotBody(setup.scene.start, hand)
 
 
-def bind(body: SharedBody | None, pairs: Iterable[Simulation]) -> None:
+def bind(body: SharedBody | None, worlds: Iterable[WorldSide]) -> None:
     """Let the body of a follower have the robot of its leader's pair."""
     if isinstance(body, RobotBody):
-        for pair in pairs:
-            robot = pair.world.mass
+        for world in worlds:
+            robot = world.mass
             assert isinstance(robot, Robot), "a follower moves a robot"
             body.robot, robot.outside = robot, body
 
@@ -70,7 +86,7 @@ def bind(body: SharedBody | None, pairs: Iterable[Simulation]) -> None:
 def checked_setups(graph: Graph) -> dict[str, Setup]:
     """The setups of all edges, after their hands, masses and device's ends were made once. Raises InvalidParameter."""
     setups = graph_setups(graph, lambda params: params)
-    bodies_of(graph, setups, lambda params: params, {}, lambda: 0)
+    bodies_of(graph, setups, lambda params: params, {})
     for name, setup in setups.items():
         with about(f"edges.{name}"):
             hand = operator(setup.params, setup.scene)
