@@ -101,6 +101,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
             "slack_J": slack,
             "margin_end_J": _extreme(columns["margin_J"], lambda values: values[-1]),
             "margin_later_J": _extreme(columns["margin_J"][later], np.min),
+            "sent_J": _extreme(columns["sent_J"], lambda values: values[-1]),
         },
         "reservoir_min_J": _extreme(columns["reservoir_J"], np.min) if has_reservoirs(coupling_name) else None,
         "modulated_share": _modulated(columns) if has_reservoirs(coupling_name) else None,

@@ -369,6 +369,7 @@ def _control_summary(control: ControlHalf, coupling_name: str) -> SidePart:
             "energy_out_J": _known(max(0.0, account.bound - account.margin_min)),
             "margin_end_J": _known(account.margin),
             "margin_later_J": None,
+            "sent_J": _known(account.sent),
             "diverged": not all(map(math.isfinite, energies)),
         }
         discarded = coupling.discarded

@@ -102,7 +102,8 @@ class Environment(EnvironmentPart):
 
 
 class LedgerSummary(TypedDict):
-    """One side's half of the theorem [J]. `margin_later_J` : the minimum after the first second, at its samples."""
+    """One side's half of the theorem [J]. `margin_later_J` : the minimum after the first second, at its samples.
+    `sent_J` : all energy that it counts as sent to the other side."""
 
     margin_J: Number
     slack_J: Number
@@ -111,6 +112,7 @@ class LedgerSummary(TypedDict):
     energy_out_J: Number
     margin_end_J: Number
     margin_later_J: Number
+    sent_J: Number
     diverged: bool | None
 
 

@@ -2,35 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
+from hapnet.ext.many.bodies import SharedBody
+from hapnet.ext.many.graph import Graph
+from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO
 from hapnet.side.sampled_device import SampledDeviceSide
+from hapnet.summary.structure import SidePart
 from hapnet.summary.verdict import ROUNDING_J
 
-if TYPE_CHECKING:
-    from hapnet.ext.many.run import GraphSimulation
 
+def node_account(graph: Graph, name: str, halves: Mapping[str, SidePart | None]) -> dict[str, Any]:
+    """The account of a node for the summary: see `hapnet.ext.many.summary`.
 
-def node_account(run: GraphSimulation, name: str) -> dict[str, Any]:
-    """The account of a node in virtual time, for its summary: see `hapnet.ext.many.summary`."""
-    leads = [run.pairs[edge.name] for edge in run.graph.led_by(name)]
-    led = [run.pairs[edge.name] for edge in run.graph.led_to(name)]
-    ends = [pair.device_endpoint for pair in leads] + [pair.world_endpoint for pair in led]
-    node = {
-        "kind": run.graph.nodes[name].kind,
-        "edges": [edge.name for edge in run.graph.edges_of(name)],
-        "leads": [edge.name for edge in run.graph.led_by(name)],
-        "bound_J": sum(end.coupling.ledger.bound for end in ends),
-        "sent_nJ": sum(end.session.sent_nJ for end in ends),
-        "ledger_sent_J": sum(end.coupling.ledger.sent for end in ends),
+    halves : the node's own sides of its edges, as they reported them; those that are not known are left out.
+    """
+    node: dict[str, Any] = {
+        "kind": graph.nodes[name].kind,
+        "edges": [edge.name for edge in graph.edges_of(name)],
+        "leads": [edge.name for edge in graph.led_by(name)],
     }
-    if name in run.bodies and leads:
-        held = [pair.device.held for pair in leads if isinstance(pair.device, SampledDeviceSide)]
-        node["work_J"] = run.bodies[name].work_J
-        node["ledger_work_J"] = sum(one.true_ledger.work for one in held if one is not None)
+    known = [half for half in halves.values() if half is not None and half["ledger"]["sent_J"] is not None]
+    if known:
+        ledgers = [half["ledger"] for half in known]
+        node["bound_J"] = sum(ledger["bound_J"] or 0.0 for ledger in ledgers)
+        node["sent_nJ"] = sum(half["sent_nJ"] or 0 for half in known)
+        node["ledger_sent_J"] = sum(ledger["sent_J"] or 0.0 for ledger in ledgers)
     return node
+
+
+def work_of(body: SharedBody, sides: Iterable[DeviceSide]) -> dict[str, float]:
+    """The work at the port of all forces of a body, and what the ledgers of its edges count [J]."""
+    held = [side.held for side in sides if isinstance(side, SampledDeviceSide)]
+    counted = sum(one.true_ledger.work for one in held if one is not None)
+    return {"work_J": body.work_J, "ledger_work_J": counted}
 
 
 def beyond(nodes: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

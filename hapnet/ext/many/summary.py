@@ -16,9 +16,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
-from hapnet.ext.many.accounts import beyond, node_account
+from hapnet.ext.many.accounts import beyond, node_account, work_of
 from hapnet.ext.many.joint import JointSeat
 from hapnet.simulation.result import Result
+from hapnet.summary.structure import Summary
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,8 +33,8 @@ _WORTH_TELLING_J = 0.05
 
 def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str, Any]:
     """The summary of a graph after its run."""
-    nodes = {name: _node(run, name) for name in run.graph.nodes}
     edges = {name: result.summary for name, result in pairs.items()}
+    nodes = {name: _node(run, name, edges) for name in run.graph.nodes}
     theorems: list[Mapping[str, Any]] = [summary["theorem"] for summary in edges.values()]
     total = {}
     for key in ("bound_J", "energy_out_J", "margin_J"):
@@ -49,8 +50,14 @@ def graph_summary(run: GraphSimulation, pairs: Mapping[str, Result]) -> dict[str
     }
 
 
-def _node(run: GraphSimulation, name: str) -> dict[str, Any]:
-    node, pairs = node_account(run, name), [run.pairs[edge.name] for edge in run.graph.led_to(name)]
+def _node(run: GraphSimulation, name: str, edges: Mapping[str, Summary]) -> dict[str, Any]:
+    leads = [run.pairs[edge.name] for edge in run.graph.led_by(name)]
+    pairs = [run.pairs[edge.name] for edge in run.graph.led_to(name)]
+    halves = {edge.name: edges[edge.name]["device"] for edge in run.graph.led_by(name)}
+    halves |= {edge.name: edges[edge.name]["world"] for edge in run.graph.led_to(name)}
+    node = node_account(run.graph, name, halves)
+    if leads and name in run.bodies:
+        node |= work_of(run.bodies[name], [pair.device for pair in leads])
     if len(pairs) > 1:
         seat = pairs[0].world.scene
         if isinstance(seat, JointSeat):
