@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import cast, get_args
+from typing import Protocol, cast, get_args
 
 from hapnet import checks
 from hapnet.assembly.build import prepare
@@ -211,7 +211,7 @@ async def _run(
     run = int(os.environ.pop(PARENT, "0"))  # not getppid(), which differs if the parent has been killed by now
     starter = "hapnet run" if run and CONSOLE not in os.environ else "hapnet play"
     parent = run or page_parent
-    beside = [asyncio.create_task(_outlive(side, parent, starter, on_signal))] if parent else []
+    beside = [asyncio.create_task(outlive(side, parent, starter, on_signal))] if parent else []
     if os.environ.pop(CONSOLE, None) is not None:
 
         def complain(text: str) -> None:
@@ -226,7 +226,14 @@ async def _run(
     return summary
 
 
-async def _outlive(side: RealtimeSide, parent: int, starter: str, on_signal: Callable[[signal.Signals], None]) -> None:
+class Interrupted(Protocol):
+    """What ends before its time: a side, or several."""
+
+    def interrupt(self, why: str) -> None:
+        """Store why it is to end."""
+
+
+async def outlive(side: Interrupted, parent: int, starter: str, on_signal: Callable[[signal.Signals], None]) -> None:
     """End as on SIGTERM when `parent` has died, as nothing else would end this side, which may drive a device."""
     while os.getppid() == parent:
         await asyncio.sleep(PARENT_EVERY_S)

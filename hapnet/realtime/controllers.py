@@ -13,7 +13,7 @@ from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
 from hapnet.loading import extension
 from hapnet.processes.system import ThreadTime
-from hapnet.realtime.servo import MakeStepLoop, Servo, StepLoop, Stepper
+from hapnet.realtime.servo import MakeStepLoop, Servo, ServoStats, StepLoop, Stepper
 from hapnet.recording.samples import Event, Sample
 from hapnet.side.device import Clock, DeviceSide
 from hapnet.side.endpoint import DeviceEndpoint, WireHalf, WorldEndpoint
@@ -76,8 +76,38 @@ class Control(Protocol):
         """This side's part of the summary so far, without the wire half's; complete once it has stopped."""
 
 
+class ServoLoop(Protocol):
+    """The ticks of a device in real time; see `Servo`."""
+
+    unsafe: str | None
+
+    def start(self) -> str | None: ...
+    def stop(self) -> None: ...
+    def count_anew(self) -> None: ...
+    def stats(self) -> ServoStats: ...
+
+
+class MakeServo(Protocol):
+    """Makes the ticks of a device from the arguments of `Servo`."""
+
+    def __call__(
+        self,
+        period_ns: int,
+        tick: Callable[[int], None],
+        *,
+        safe: Callable[[], None],
+        on_error: Callable[[BaseException], None],
+        paced: bool,
+        realtime: bool,
+        clock: Clock,
+    ) -> ServoLoop: ...
+
+
 class ThreadedDevice:
-    """The device with its servo in a thread; with `follows`, a real robot in the world's place."""
+    """The device with its servo in a thread; with `follows`, a real robot in the world's place.
+
+    make_servo : makes the servo; several pairs of one device share theirs.
+    """
 
     unrecorded = 0
 
@@ -90,6 +120,7 @@ class ThreadedDevice:
         *,
         realtime: bool,
         follows: bool = False,
+        make_servo: MakeServo = Servo,
     ) -> None:
         endpoint, params = DeviceEndpoint(session), setup.params
         self.wire: WireHalf = endpoint
@@ -99,7 +130,8 @@ class ThreadedDevice:
             self.side = extension("driven robots").robot_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.follower.robot, params.follower.servo_hz
         else:
-            self.side = device_side(replace(setup, ends=compiled_ends()), endpoint, clock, callbacks.write)
+            setup = setup if setup.has_own_ends else replace(setup, ends=compiled_ends())
+            self.side = device_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.hardware, params.device.servo_hz
         if isinstance(self.side, RealDeviceSide):
             self.side.waited = self._thread_time
@@ -108,7 +140,7 @@ class ThreadedDevice:
         self._send, self._wake, self._write = callbacks.send, callbacks.wake, callbacks.write
         self._clock = clock
         self._began = self._started = False
-        self._servo = Servo(
+        self._servo: ServoLoop = make_servo(
             round(1e9 / rate_hz),
             self._tick,
             safe=self._end,
@@ -238,12 +270,12 @@ class ThreadedWorld:
         return self.side.next_step_ns()
 
 
-def unsafe(now_ns: int, servo: Servo) -> Event:
+def unsafe(now_ns: int, servo: ServoLoop) -> Event:
     """The event to record for a servo whose force could not be stopped."""
     return Event(now_ns, "servo", f"the force could not be set to zero at the end: {servo.unsafe}", "error")
 
 
-def servo_timing(servo: Servo, side: DeviceSide) -> dict[str, Any]:
+def servo_timing(servo: ServoLoop, side: DeviceSide) -> dict[str, Any]:
     """The servo's timing figures, for the summary."""
     timing = servo.stats()
     return {

@@ -26,14 +26,14 @@ from hapnet.assembly.own_parts import named_failure
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.params import is_simulated
-from hapnet.realtime.controllers import Control, ControlCallbacks
+from hapnet.realtime.controllers import Control, ControlCallbacks, MakeServo
 from hapnet.realtime.figures import SideFigures
 from hapnet.realtime.housekeeping import Housekeeping
 from hapnet.realtime.link_driver import LinkDriver
 from hapnet.realtime.off_loop import off_loop
 from hapnet.realtime.recorder import measured_utc_less_clock_ns, require_writable
 from hapnet.realtime.reporter import AccountReporter, Reporter
-from hapnet.realtime.servo import MakeStepLoop, Stepper, require_fine_clock, tuned_interpreter
+from hapnet.realtime.servo import MakeStepLoop, Servo, Stepper, require_fine_clock, tuned_interpreter
 from hapnet.realtime.servo_process import control_of
 from hapnet.realtime.shutdown import FAILED_LINGER_S, LINGER_S, GracefulShutdown, PeerAbsence
 from hapnet.realtime.telemetry_publisher import TelemetryPublisher
@@ -73,7 +73,8 @@ class RealtimeSide:
     watch : called with each sample or note, on control's thread; it must return at once.
     refused : called with the time [ns]; returns a text with the refusals since the last call.
     page : called with each telemetry message of both sides, on any thread; it must return at once. None: no page.
-    make_steps : makes the loop of a world's steps, which several hands of one world share.
+    make_steps : makes the loop of a world's steps, which several hands of one world share. make_servo : makes the servo
+    of a device, which its several pairs share.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class RealtimeSide:
         refused: Callable[[int], list[str]] = lambda now_ns: [],
         page: Callable[[bytes], None] | None = None,
         make_steps: MakeStepLoop = Stepper,
+        make_servo: MakeServo = Servo,
     ) -> None:
         require_fine_clock()
         self.setup: Setup = setup
@@ -125,8 +127,9 @@ class RealtimeSide:
         )
         # last, after all checks: it opens the device
         self.control: Control = control_of(
-            setup, role, incarnation, secret, callbacks, clock, entropy[2], realtime=realtime, make_steps=make_steps
-        )
+            setup, role, incarnation, secret, callbacks, clock, entropy[2], realtime=realtime, make_steps=make_steps,
+            make_servo=make_servo,
+        )  # fmt: skip
         control = self.control
         self.wire: WireHalf = control.wire
         self.wire.session.sample(self._transport.sampled)

@@ -39,8 +39,8 @@ from hapnet.processes.start import (
     started,
 )
 from hapnet.realtime import servo_pipe
-from hapnet.realtime.controllers import Control, ControlCallbacks, ThreadedDevice, ThreadedWorld
-from hapnet.realtime.servo import MakeStepLoop, Stepper
+from hapnet.realtime.controllers import Control, ControlCallbacks, MakeServo, ThreadedDevice, ThreadedWorld
+from hapnet.realtime.servo import MakeStepLoop, Servo, Stepper
 from hapnet.realtime.servo_pipe import Pipe, PipeClosed, kind_of, socket_pair
 from hapnet.recording.samples import DeviceSample, Event, PostureSample
 from hapnet.side.endpoint import WireHalf
@@ -293,9 +293,10 @@ def control_of(
     *,
     realtime: bool,
     make_steps: MakeStepLoop = Stepper,
+    make_servo: MakeServo = Servo,
 ) -> Control:
     """The side's control, not started yet. `steps` seeds the random lengths of a world's steps; `make_steps` makes its
-    loop.
+    loop. `make_servo` makes a device's servo; another one than `Servo` runs in this process.
     """
     if role == "world":
         session = world_session(setup, incarnation, secret=secret)
@@ -303,8 +304,8 @@ def control_of(
             return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, follows=True)
         return ThreadedWorld(setup, session, callbacks, clock, rng=np.random.default_rng(steps), steps=make_steps)
     session = device_session(setup, incarnation, secret=secret)
-    if realtime and servo_pipe.available():
+    if realtime and make_servo is Servo and servo_pipe.available():
         for part in extension("compiled names").missing(setup.params):
             extension("compiled ends").make_ready(part)  # the servo's process only loads it
         return ServoProcess(setup, session, callbacks)
-    return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime)
+    return ThreadedDevice(setup, session, callbacks, clock, realtime=realtime, make_servo=make_servo)

@@ -167,6 +167,11 @@ class Graph:
         """The share of its leader that this edge has."""
         return 1.0 / len(self.led_by(edge.device)) if edge.share is None else edge.share
 
+    def port_of(self, edge: Edge) -> str:
+        """The name under which both sides of this edge meet in real time: the device's, or if it has several edges, the
+        device's and the world's. No name of a node has a dash."""
+        return edge.device if len(self.led_by(edge.device)) == 1 else f"{edge.device}-{edge.world}"
+
     def edges_of(self, node: str) -> list[Edge]:
         """The edges that begin or end at this node."""
         return [edge for edge in self.edges.values() if node in (edge.device, edge.world)]

@@ -83,10 +83,10 @@ def bind(body: SharedBody | None, worlds: Iterable[WorldSide]) -> None:
             body.robot, robot.outside = robot, body
 
 
-def checked_setups(graph: Graph) -> dict[str, Setup]:
+def checked_setups(graph: Graph, change: Callable[[Params], Params] = lambda params: params) -> dict[str, Setup]:
     """The setups of all edges, after their hands, masses and device's ends were made once. Raises InvalidParameter."""
-    setups = graph_setups(graph, lambda params: params)
-    bodies_of(graph, setups, lambda params: params, {})
+    setups = graph_setups(graph, change)
+    bodies_of(graph, setups, change, {})
     for name, setup in setups.items():
         with about(f"edges.{name}"):
             hand = operator(setup.params, setup.scene)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hapnet.assembly.build import Setup, prepare
 from hapnet.errors import InvalidParameter
-from hapnet.ext.many.graph import DEVICE, FOLLOWER, Edge, Graph
+from hapnet.ext.many.graph import DEVICE, FOLLOWER, Edge, Graph, Node
 from hapnet.ext.many.unfelt import unfelt
 from hapnet.param_sources import RULE
 from hapnet.params import Params
@@ -116,19 +115,7 @@ def _require_fit(node: str, first: Edge, edge: Edge, setups: Mapping[str, Setup]
         raise InvalidParameter(f"edges.{edge.name}", f"{other.dof} axes in {other.units}", allowed)
 
 
-def why_virtual(graph: Graph) -> str:
-    """Why this graph runs in virtual time only; empty: it runs in real time too."""
-    for node in graph.nodes.values():
-        if node.kind == FOLLOWER:
-            return f"{node.name} is a follower"
-        if node.kind == DEVICE and len(graph.led_by(node.name)) > 1:
-            return f"{node.name} has {len(graph.led_by(node.name))} edges"
-    unfelt = [edge.name for edge in graph.edges.values() if not edge.force or edge.share not in (None, 1.0)]
-    return f"{unfelt[0]} has a share or no force" if unfelt else ""
-
-
-def require_real_time(graph: Graph, file: Path) -> None:
-    """Raise InvalidParameter: this graph runs in virtual time only."""
-    if why := why_virtual(graph):
-        allowed = f"hapnet simulate --graph {file} runs it: {why}, and in real time a device has one edge, to a world"
-        raise InvalidParameter("--graph", str(file), "", why=allowed)
+def has_one_side(graph: Graph, node: Node) -> bool:
+    """Whether this node is a device with one pair and the whole of it, as without a graph."""
+    leads = graph.led_by(node.name)
+    return node.kind == DEVICE and not is_shared(graph, leads[0]) and leads[0].force

@@ -11,10 +11,9 @@ from hapnet.commands import flags, output
 from hapnet.commands.progress import Progress
 from hapnet.commands.typed import Command
 from hapnet.errors import InvalidParameter
-from hapnet.ext.many.graph import Graph, read_graph
+from hapnet.ext.many.graph import DEVICE, Graph, Node, read_graph
 from hapnet.ext.many.hands import warnings_of
 from hapnet.ext.many.paths import has_followers, node_rows, one_way_s, paths
-from hapnet.ext.many.shares import why_virtual
 from hapnet.ext.many.summary import environment_line, pairs_table, show_verdict
 from hapnet.loading import extension
 from netem.command_help import PlainGroup
@@ -56,21 +55,20 @@ def check(file: File, json_to: flags.Json = None) -> int:
         words.print(_nodes(nodes))
         for way in ways:
             words.print(f"{' > '.join(way['nodes'])}: {1e3 * way['lag_s']:.3g} ms behind the hand", markup=False)
-    if why := why_virtual(found):
-        words.print(f"on this machine: hapnet simulate --graph {file} (in virtual time only: {why})", markup=False)
-    else:
-        words.print(f"on this machine: hapnet simulate --graph {file}, or hapnet run --graph {file}", markup=False)
-        _show_commands(words, found, file)
+    words.print(f"on this machine: hapnet simulate --graph {file}, or hapnet run --graph {file}", markup=False)
+    for node in found.nodes.values():
+        words.print(f"{node.name}: {_command(found, node, file)}", markup=False)
     output.show_warnings(words, warnings_of(setups.values()))
     output.write_json({"edges": rows, "nodes": nodes, "paths": ways} if has_followers(found) else rows, json_to)
     return 0
 
 
-def _show_commands(words: Any, found: Graph, file: Path) -> None:
-    for node in found.nodes.values():
-        world = node.name if node.kind == "world" else found.led_by(node.name)[0].world
-        place = "-l tcp/0.0.0.0:17447" if node.kind == "world" else f"-e tcp/{world.upper()}:17447"
-        words.print(f"{node.name}: hapnet {node.kind} --graph {file} --node {node.name} {place}", markup=False)
+def _command(found: Graph, node: Node, file: Path) -> str:
+    """The command of this node on a host of its own: it dials those whom it leads."""
+    places = ["-l tcp/0.0.0.0:17447"] * bool(found.led_to(node.name))
+    places += [f"-e tcp/{edge.world.upper()}:17447" for edge in found.led_by(node.name)]
+    kind = "device" if node.kind == DEVICE else "world"
+    return f"hapnet {kind} --graph {file} --node {node.name} {' '.join(places)}"
 
 
 def _nodes(rows: list[dict[str, Any]]) -> Table:

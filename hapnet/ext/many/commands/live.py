@@ -1,24 +1,28 @@
-"""`hapnet world --seats`, and `hapnet device` and `hapnet world` with `--graph`: the sides of a graph in real time."""
+"""`hapnet world --seats`, and `hapnet device` and `hapnet world` with `--graph`: the nodes of a graph in real time."""
 
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hapnet.assembly.operators import LIVE
 from hapnet.commands import output
 from hapnet.commands.log import Log, check_target
 from hapnet.commands.options import SideFlags, ZenohOptions
-from hapnet.commands.side import catch, exit_code, held_back, main, zenoh_settings
+from hapnet.commands.side import PARENT, catch, exit_code, held_back, main, outlive, zenoh_settings
 from hapnet.errors import InvalidParameter
-from hapnet.ext.many.graph import Edge, Graph, graph_of, read_graph
-from hapnet.ext.many.hands import Change, warnings_of, world_setups
-from hapnet.ext.many.seats import SeatedWorld, seat_names
-from hapnet.ext.many.shares import require_real_time
+from hapnet.ext.many.graph import DEVICE, FOLLOWER, WORLD, Graph, Node, graph_of, read_graph
+from hapnet.ext.many.hands import Change, graph_setups, warnings_of, world_setups
+from hapnet.ext.many.seats import NodeSides, Outputs, Port, seat_names
+from hapnet.ext.many.shared_bodies import body_of
+from hapnet.ext.many.shares import has_one_side
 from hapnet.ext.many.summary import environment_line, reservoir_line
+from hapnet.side.endpoint import NANO
 from hapnet.side.notices import Notice
 from hapnet.summary.run import Summary
 from hapnet.transport.config import zenoh_warnings
@@ -28,20 +32,24 @@ from hapnet.transport.router import routed
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from hapnet.ext.many.bodies import SharedBody
+    from hapnet.wire.messages import Role
+
 
 def device(file: Path, node: str | None, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
     """Run a device of the graph in this file: `hapnet device --graph FILE --node NAME`."""
     graph = read_graph(file)
-    require_real_time(graph, file)
-    edge = _edges_of(graph, node, "device")[0]
-    return main("device", change(graph.pair(edge)), replace(side, name=edge.device), zenoh)
+    found = _named(graph, node, DEVICE)
+    if not has_one_side(graph, found):
+        return _node(graph, found, change, side, zenoh)
+    edge = graph.led_by(found.name)[0]
+    return main("device", change(graph.pair(edge)), replace(side, name=graph.port_of(edge)), zenoh)
 
 
 def world_of_graph(file: Path, node: str | None, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
-    """Run a world of the graph in this file: `hapnet world --graph FILE --node NAME`."""
+    """Run a world or a follower of the graph in this file: `hapnet world --graph FILE --node NAME`."""
     graph = read_graph(file)
-    require_real_time(graph, file)
-    return _world(graph, _edges_of(graph, node, "world"), change, side, zenoh)
+    return _node(graph, _named(graph, node, WORLD, FOLLOWER), change, side, zenoh)
 
 
 def world_of_seats(seats: str, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
@@ -56,25 +64,45 @@ def world_of_seats(seats: str, change: Change, side: SideFlags, zenoh: ZenohOpti
         graph = graph_of({"nodes": {**nodes, "world": {"kind": "world", "dof": 0}}, "edges": edges})
     except InvalidParameter as error:
         raise error.renamed("--seats", seats) if error.name == "nodes" else error from None
-    return _world(graph, graph.edges_of("world"), change, side, zenoh)
+    return _node(graph, graph.nodes["world"], change, side, zenoh)
 
 
-def _edges_of(graph: Graph, name: str | None, kind: str) -> list[Edge]:
-    known = [node.name for node in graph.nodes.values() if node.kind == kind]
+def _named(graph: Graph, name: str | None, *kinds: str) -> Node:
+    known = [node.name for node in graph.nodes.values() if node.kind in kinds]
     if name is None and len(known) == 1:
         name = known[0]
     if name not in known:
-        raise InvalidParameter("--node", name, f"a {kind} of the graph: {', '.join(known)}", known)
-    return graph.edges_of(name)
+        allowed = f"a {' or a '.join(kinds)} of the graph: {', '.join(known) or 'it has none'}"
+        raise InvalidParameter("--node", name, allowed, known)
+    return graph.nodes[name]
 
 
-def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, zenoh: ZenohOptions) -> int:
+def _ports(graph: Graph, node: Node, change: Change) -> tuple[dict[str, Port], SharedBody | None, int | None]:
+    """The ports of a node, its body (None: it has none), and the period of its servo [ns] (None: it is a world)."""
+    led, leads = graph.led_to(node.name), graph.led_by(node.name)
+    if node.kind == WORLD:
+        setups = world_setups(graph, led, change)
+        return {graph.port_of(edge): Port(setup, "world") for edge, setup in zip(led, setups, strict=True)}, None, None
+    of_all = graph_setups(graph, change)
+    ports = {graph.port_of(edge): Port(of_all[edge.name], "world") for edge in led}
+    ports |= {graph.port_of(edge): Port(of_all[edge.name], "device") for edge in leads}
+    first = next(iter(ports.values())).setup.params
+    hand = graph.hand(node).operator if node.kind == FOLLOWER and node.is_held else first.operator
+    if node.is_held and hand == LIVE:
+        why = "only hapnet play has a page on which the mouse leads the hand"
+        raise InvalidParameter("operator", LIVE, "", why=why)
+    rate_hz = first.follower.servo_hz if led else first.device.servo_hz
+    return ports, body_of(graph, node, of_all, change, waits=False), round(1.0 / rate_hz / NANO)
+
+
+def _node(graph: Graph, node: Node, change: Change, given: SideFlags, zenoh: ZenohOptions) -> int:
     if given.record is not None:
-        raise InvalidParameter("--record", str(given.record), "", why="each seat has a recording; use --out DIRECTORY")
+        raise InvalidParameter("--record", str(given.record), "", why="each pair has a recording; use --out DIRECTORY")
     settings = zenoh_settings(zenoh)
-    setups = {edge.device: setup for edge, setup in zip(edges, world_setups(graph, edges, change), strict=True)}
+    ports, body, period_ns = _ports(graph, node, change)
+    setups = {name: port.setup for name, port in ports.items()}
     check_target(given.log_to, given.json_to)
-    directory = output.run_directory(given.out, edges[0].world) if given.files else None
+    directory = output.run_directory(given.out, node.name) if given.files else None
     words = None if given.log_to == "-" else output.console(given.json_to)
     if words is not None:
         output.show_warnings(words, (*warnings_of(setups.values()), *zenoh_warnings(settings)))
@@ -93,23 +121,27 @@ def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, ze
     written, caught = output.Written(), list[signal.Signals]()
     try:
         with watched(settings) as refusals, routed(settings) as own:
-            world = SeatedWorld(
-                setups, own, session=given.session, seed=given.seed, records=records, notify=notify,
-                refused=refusals.take,
+            sides = NodeSides(
+                ports, own, Outputs(records, notify, refusals.take), body=body, period_ns=period_ns,
+                session=given.session, seed=given.seed, realtime=given.realtime,
             )  # fmt: skip
             duration_s = next(iter(setups.values())).params.duration_s
-            summaries = asyncio.run(_run(world, duration_s, caught))
+            summaries = asyncio.run(_run(sides, duration_s, caught))
     finally:
         for log in logs.values():
             log.close()
     with held_back(caught):
-        written.missing += [f"{name}: {why}" for name, why in world.failures.items()]
-        written.missing += filter(None, [side.unrecorded for side in world.sides.values()])
-        result = {"environment": world.environment, "reservoirs": world.reservoirs, "seats": summaries}
+        written.missing += [f"{name}: {why}" for name, why in sides.failures.items()]
+        written.missing += filter(None, [side.unrecorded for side in sides.sides.values()])
+        result: dict[str, Any] = {"pairs": summaries, "work": sides.work}
+        if node.kind == WORLD:
+            result = {"environment": sides.environment, "reservoirs": sides.reservoirs, "seats": summaries}
         if words is not None:
-            words.print(_table(summaries))
-            name = edges[0].world
-            lines = environment_line(name, len(edges), world.environment), reservoir_line(name, world.reservoirs)
+            words.print(_table("seat" if node.kind == WORLD else "pair", summaries, ports))
+            lines = (
+                environment_line(node.name, len(ports), sides.environment),
+                reservoir_line(node.name, sides.reservoirs),
+            )
             for line in filter(None, lines):
                 words.print(line, markup=False)
             if directory is not None:
@@ -122,30 +154,31 @@ def _world(graph: Graph, edges: list[Edge], change: Change, given: SideFlags, ze
     return written.code(exit_code(caught))
 
 
-async def _run(world: SeatedWorld, duration_s: float, caught: list[signal.Signals]) -> dict[str, Summary]:
+async def _run(sides: NodeSides, duration_s: float, caught: list[signal.Signals]) -> dict[str, Summary]:
     stop = asyncio.Event()
+    on_signal = catch(stop, caught, again=sides.leave_at_once)
+    parent = int(os.environ.pop(PARENT, "0"))
+    beside = asyncio.create_task(outlive(sides, parent, "hapnet run", on_signal)) if parent else None
+    try:
+        return await sides.run(stop, duration_s)
+    finally:
+        if beside is not None:
+            beside.cancel()
 
-    def leave_at_once() -> None:
-        for side in world.sides.values():
-            side.leave_at_once()
 
-    catch(stop, caught, again=leave_at_once)
-    return await world.run(stop, duration_s)
-
-
-def _table(summaries: Mapping[str, Summary]) -> Table:
+def _table(what: str, summaries: Mapping[str, Summary], ports: Mapping[str, Port]) -> Table:
     from rich.table import Table
 
-    table = Table("seat", "passive", "gave out, mJ", "of, mJ", "pairs", "silences", "longest, s", "modulated, %")
+    table = Table(what, "passive", "gave out, mJ", "of, mJ", "pairs", "silences", "longest, s", "modulated, %")
     for name, summary in summaries.items():
-        table.add_row(name, *_cells(summary))
+        table.add_row(name, *_cells(summary, ports[name].role))
     return table
 
 
-def _cells(summary: Summary) -> list[str]:
-    part: Any = summary["world"] or {}
-    ledger, outages = part["ledger"], part["outages"]
+def _cells(summary: Summary, role: Role) -> list[str]:
+    part: Any = summary[role] or {}
     passive = {True: "yes", False: "no", None: "not known"}[summary["verdict"]["passive"]]
+    ledger, outages = part["ledger"], part["outages"]
     share = part["modulated_share"]
     energies = ["-" if value is None else f"{1e3 * value:.4g}" for value in (ledger["energy_out_J"], ledger["bound_J"])]
     times = [str(part["incarnations"]), str(outages["count"]), f"{outages['longest_s']:.2g}"]

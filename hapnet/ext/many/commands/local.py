@@ -11,15 +11,17 @@ import signal
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from hapnet.commands import output
 from hapnet.commands.log import Repeats
 from hapnet.commands.progress import Progress
 from hapnet.commands.side import PARENT, catch, exit_code, held_back
-from hapnet.ext.many.graph import Edge, Graph, Node, read_graph
-from hapnet.ext.many.hands import Change, warnings_of, world_setups
-from hapnet.ext.many.shares import require_real_time
+from hapnet.ext.many.accounts import node_account
+from hapnet.ext.many.graph import DEVICE, WORLD, Edge, Graph, Node, read_graph
+from hapnet.ext.many.hands import Change, warnings_of
+from hapnet.ext.many.shared_bodies import checked_setups
+from hapnet.ext.many.shares import has_one_side
 from hapnet.ext.many.summary import environment_line, graph_verdict, pairs_table, show_verdict
 from hapnet.param_values import toml_value
 from hapnet.params import Params
@@ -45,13 +47,7 @@ def run(
 ) -> int:
     """Run a graph on this machine. change : changes each pair's parameters by the flags of the command."""
     graph = read_graph(file)
-    require_real_time(graph, file)
-    worlds = {node.name: graph.edges_of(node.name) for node in graph.nodes.values() if node.kind == "world"}
-    setups = {
-        edge.name: setup
-        for edges in worlds.values()
-        for edge, setup in zip(edges, world_setups(graph, edges, change), strict=True)
-    }
+    setups = checked_setups(graph, change)
     words = output.console(json_to)
     output.show_warnings(words, warnings_of(setups.values()))
     directory = output.run_directory(out, seed) if files else None
@@ -72,14 +68,14 @@ def run(
 
         asyncio.run(nodes.run(show, caught))
     with held_back(caught):
-        edges = {name: found for name in graph.edges if (found := _joined(nodes, graph.edges[name])) is not None}
+        edges = {name: found for name in graph.edges if (found := _joined(nodes, graph, graph.edges[name])) is not None}
         written.missing += [f"{name}: {why}" for name, why in nodes.failures.items()]
         of_nodes = {node.name: _node(nodes, graph, node) for node in graph.nodes.values()}
         missing = [name for name in graph.edges if name not in edges]
         show_verdict(words, verdict := graph_verdict(edges, of_nodes, missing))
         words.print(pairs_table(edges))
-        for name, edges_of in worlds.items():
-            if (line := environment_line(name, len(edges_of), of_nodes[name]["environment"])) is not None:
+        for name, node in of_nodes.items():
+            if (line := environment_line(name, len(node["edges"]), node.get("environment"))) is not None:
                 words.print(line, markup=False)
         for name, summary in edges.items():
             written.judge(summary, setups[name].params, virtual=False)
@@ -101,16 +97,28 @@ def _flags(change: Change) -> list[str]:
 
 def _node(nodes: _Nodes, graph: Graph, node: Node) -> dict[str, Any]:
     """A node in the summary; its own accounts are as its process wrote them."""
-    found: dict[str, Any] = {"kind": node.kind, "edges": [edge.name for edge in graph.edges_of(node.name)]}
-    if node.kind == "world":
-        found |= {key: nodes.parts.get(node.name, {}).get(key) for key in ("environment", "reservoirs")}
-    return found
+    part = nodes.parts.get(node.name, {})
+    sides = {edge.name: _side(nodes, graph, node, edge) for edge in graph.edges_of(node.name)}
+    halves = {name: side and side["device" if graph.edges[name].device == node.name else "world"]
+              for name, side in sides.items()}  # fmt: skip
+    found = node_account(graph, node.name, halves)
+    if node.kind == WORLD:
+        found |= {key: part.get(key) for key in ("environment", "reservoirs")}
+    return found | (part.get("work") or {})
 
 
-def _joined(nodes: _Nodes, edge: Edge) -> Summary | None:
+def _side(nodes: _Nodes, graph: Graph, node: Node, edge: Edge) -> Summary | None:
+    """The summary that this node has written of its side of this pair; None: it has written none."""
+    part: Any = nodes.parts.get(node.name)
+    if part is not None and not has_one_side(graph, node):
+        part = part["seats" if node.kind == WORLD else "pairs"].get(graph.port_of(edge))
+    return cast("Summary | None", part)
+
+
+def _joined(nodes: _Nodes, graph: Graph, edge: Edge) -> Summary | None:
     """The summary of a pair from both sides' own; None: a process has written none."""
-    device, world = nodes.parts.get(edge.device), nodes.parts.get(edge.world, {}).get("seats", {}).get(edge.device)
-    return None if device is None or world is None else merge(device, world)  # type: ignore[arg-type]
+    device, world = (_side(nodes, graph, graph.nodes[name], edge) for name in (edge.device, edge.world))
+    return None if device is None or world is None else merge(device, world)
 
 
 class _Nodes:
@@ -142,18 +150,16 @@ class _Nodes:
         word = self._private / "word"
         word.write_text(secrets.token_hex(16), encoding="ascii")
         word.chmod(0o600)
-        addresses = {}
-        for number, node in enumerate(self._graph.nodes.values()):
-            if node.kind == "world":
+        graph, addresses = self._graph, dict[str, str]()
+        for number, node in enumerate(graph.nodes.values()):
+            if graph.led_to(node.name):
                 sockets = self._private / str(number)
                 sockets.mkdir()
                 addresses[node.name] = local_address(str(sockets))
-        for number, node in enumerate(sorted(self._graph.nodes.values(), key=lambda node: node.kind, reverse=True)):
-            world = node.name if node.kind == "world" else self._graph.edges_of(node.name)[0].world
-            there = ["--listen" if node.kind == "world" else "--connect", addresses[world]]
-            self._children[node.name] = await self._start(
-                node.name, node.kind, number, [*there, "--secret-file", str(word)]
-            )
+        for number, node in enumerate(sorted(graph.nodes.values(), key=lambda node: node.kind, reverse=True)):
+            there = ["--listen", addresses[node.name]] if node.name in addresses else []
+            there += [text for edge in graph.led_by(node.name) for text in ("--connect", addresses[edge.world])]
+            self._children[node.name] = await self._start(node, number, [*there, "--secret-file", str(word)])
         watchers = [asyncio.create_task(self._watch(name, show)) for name in self._children]
         stopping = asyncio.create_task(stop.wait())
         pending = set(watchers)
@@ -169,11 +175,12 @@ class _Nodes:
         stopping.cancel()
         await asyncio.gather(*watchers)
 
-    async def _start(self, name: str, kind: str, number: int, there: list[str]) -> ProgramOnLoop:
+    async def _start(self, node: Node, number: int, there: list[str]) -> ProgramOnLoop:
+        kind, name = "device" if node.kind == DEVICE else "world", node.name
         command = module("hapnet", kind, "--graph", str(self._file), "--node", name, *there, *self._flags)
         command += ["--no-multicast-scouting", "--session", self._session, "--seed", str(self._seed + number)]
         command += ["--json", str(self._private / f"{name}.json"), "--log", "-", "--progress"]
-        command += ["--realtime"] * (self._realtime and kind == "device")
+        command += ["--realtime"] * (self._realtime and node.kind == DEVICE)
         if self._directory is None:
             command.append("--no-files")
         else:
