@@ -168,9 +168,8 @@ class Graph:
         return 1.0 / len(self.led_by(edge.device)) if edge.share is None else edge.share
 
     def port_of(self, edge: Edge) -> str:
-        """The name under which both sides of this edge meet in real time: the device's, or if it has several edges, the
-        device's and the world's. No name of a node has a dash."""
-        return edge.device if len(self.led_by(edge.device)) == 1 else f"{edge.device}-{edge.world}"
+        """The name under which both sides of this edge meet in real time."""
+        return port_name(edge.device, edge.world, len(self.led_by(edge.device)))
 
     def edges_of(self, node: str) -> list[Edge]:
         """The edges that begin or end at this node."""
@@ -306,6 +305,12 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
     return Edge(
         name, ends[0], ends[1], tuple(map(float, at)), changes, rights, proxy, share and float(share), force=force
     )
+
+
+def port_name(device: str, world: str, edges: int) -> str:
+    """The name of a pair in real time: its device's, or if this has several edges, the device's and the world's. No name
+    of a node has a dash."""
+    return device if edges == 1 else f"{device}-{world}"
 
 
 @contextmanager

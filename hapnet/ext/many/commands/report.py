@@ -12,7 +12,7 @@ from hapnet.commands import output
 from hapnet.commands.outcome import write
 from hapnet.commands.progress import Progress
 from hapnet.errors import RecordingError
-from hapnet.ext.many.graph import DEVICE
+from hapnet.ext.many.graph import DEVICE, port_name
 from hapnet.ext.many.summary import PAIR_HEAD, environment_line, graph_verdict, pair_row, pairs_table, show_verdict
 from hapnet.loading import extension
 from hapnet.recording.opened import fitting
@@ -59,22 +59,23 @@ def run_in(directory: Path) -> GraphRun | None:
         ends = _ends(nodes)
         graph_verdict({}, nodes, ends)
         _of_nodes(nodes)
-        return GraphRun(directory, summary, {name: _files(directory, name, *two) for name, two in ends.items()}, ends)
+        return GraphRun(directory, summary, {name: _files(directory, name, ends) for name in ends}, ends)
 
 
 def _ends(nodes: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for name, node in nodes.items():
-        leads = node.get("leads", node["edges"] if node["kind"] == DEVICE else [])  # in real time no follower leads
+        leads = node.get("leads", node["edges"] if node["kind"] == DEVICE else [])  # older runs: no follower leads
         for edge in node["edges"]:
             found.setdefault(edge, {})["device" if edge in leads else "world"] = name
     return {edge: (two["device"], two["world"]) for edge, two in found.items()}
 
 
-def _files(directory: Path, name: str, device: str, world: str) -> list[Path]:
+def _files(directory: Path, name: str, ends: Mapping[str, tuple[str, str]]) -> list[Path]:
     """A pair's one recording of both sides, or each side's own; those that exist."""
-    whole = directory / f"{name}.mcap"
-    own = [directory / device / "device.mcap", directory / world / f"{device}.mcap"]
+    device, world = ends[name]
+    whole, port = directory / f"{name}.mcap", port_name(device, world, [one for one, _ in ends.values()].count(device))
+    own = [directory / device / "device.mcap", *(directory / node / f"{port}.mcap" for node in (device, world))]
     return [whole] if whole.exists() else [file for file in own if file.exists()]
 
 
