@@ -1,0 +1,124 @@
+"""A body with several pairs whose ticks come late, as in real time, and whose pairs begin one after another."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapnet.assembly.build import device_session, device_side
+from hapnet.ext.many.bodies import EdgeDevice, EdgeEnds, HeldBody
+from hapnet.ext.many.graph import graph_of
+from hapnet.ext.many.hands import graph_setups
+from hapnet.ext.many.shared_bodies import body_of
+from hapnet.plant.device import SimulatedDevice
+from hapnet.recording.samples import DeviceSample, Sample
+from hapnet.side.device import DeviceSide
+from hapnet.side.endpoint import DeviceEndpoint
+from tests.many.accounts import PAPER, Lead, table
+
+MS = 1_000_000
+LATE_NS = [round(at_ms * MS) for at_ms in (1, 2, 3.4, 4.0, 4.4, 5.6, 17.0, 17.3, 18, 19.4, 20.6, 42.0, 43)]
+"""When the ticks come: up to 0.6 ms late, two within a period, and after stalls of 11 and 21 ms."""
+
+
+def pieces() -> tuple[HeldBody, EdgeDevice, EdgeDevice]:
+    body = HeldBody(SimulatedDevice(Lead()), waits=False)
+    one, other = (EdgeDevice(body, SimulatedDevice(Lead(), mass=mass, damping=mass)) for mass in (0.01, 0.02))
+    return body, one, other
+
+
+def forces() -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(3)
+    while True:
+        yield rng.uniform(-1.0, 1.0, (2, 3))
+
+
+def test_it_moves_by_the_periods_that_were_missed_and_each_pair_counts_its_own_force() -> None:
+    """Beside one device alone, under the sum of the forces, for as many periods as have passed."""
+    body, *edges = pieces()
+    alone, made = SimulatedDevice(Lead()), 0
+    for edge in edges:
+        edge.read()
+    work = 0.0
+    for now_ns, both in zip(LATE_NS, forces(), strict=False):
+        held = [np.array(edge.state.torque) for edge in edges]
+        due = round((now_ns - LATE_NS[0]) / MS) + 1
+        by_hand, before = sum(alone.advance() for _ in range(due - made)), np.array(alone.position)
+        made = due
+        for edge, own, others in zip(edges, held, reversed(held), strict=True):
+            begin = np.array(edge.position)
+            rest = sum(edge.advance() for _ in range(edge.shared_periods(now_ns)))
+            moved = np.array(edge.position) - begin
+            assert np.array(edge.position) == pytest.approx(before, abs=1e-14)
+            assert rest == pytest.approx(by_hand + others @ moved, rel=1e-9, abs=1e-15)
+            work -= own @ moved
+        for edge, own in zip(edges, both, strict=True):
+            edge.apply(tuple(own))
+        alone.apply(tuple(both.sum(axis=0)))
+    assert made == 43
+    assert body.work_J == pytest.approx(work, rel=1e-12)
+    assert abs(work) > 1e-5
+
+
+def test_a_pair_that_comes_later_finds_the_body_where_it_is() -> None:
+    body, first, late = pieces()
+    first.read()
+    for k in range(1, 500):
+        for _ in range(first.shared_periods(k * MS)):
+            first.advance()
+        first.apply((0.5, 0.0, 0.0))
+    x, _ = late.read()
+    assert x == first.position
+    assert np.linalg.norm(x) > 1e-3
+    began = np.array(x)
+    rest = sum(late.advance() for _ in range(late.shared_periods(500 * MS)))
+    assert first.shared_periods(500 * MS) == 1
+    moved = np.array(late.position) - began
+    hand = first.advance()
+    assert rest - hand == pytest.approx(np.array([0.5, 0.0, 0.0]) @ moved, rel=1e-9)
+    assert body.motion[0] == late.position
+
+
+class Pairs:
+    """The sides of a device with two unequal pairs whose worlds are at the start and say nothing."""
+
+    def __init__(self) -> None:
+        given = table([(0, 1), (0, 2)], **PAPER)
+        given["edges"][0]["share"], given["edges"][1]["share"] = 0.6, 0.3
+        graph, self.now_ns = graph_of(given), 0
+        setups = graph_setups(graph, lambda params: params)
+        body = body_of(graph, graph.nodes["n0"], setups, lambda params: params, Lead(), waits=False)
+        assert isinstance(body, HeldBody)
+        self.body, self.sides, self.written = body, list[DeviceSide](), dict[str, list[Sample]]()
+        for name, setup in setups.items():
+            endpoint, kept = DeviceEndpoint(device_session(setup, 1)), self.written.setdefault(name, [])
+            shared = replace(setup, ends=EdgeEnds(body))
+            side = device_side(shared, endpoint, lambda: self.now_ns, kept.append)
+            endpoint.pair(False)
+            self.sides.append(side)
+
+    def tick(self, now_ns: int, first: int = 0) -> None:
+        self.now_ns = now_ns
+        for side in self.sides[first:]:
+            side.tick(now_ns)
+
+
+def test_both_halves_hold_over_late_ticks_and_their_work_is_force_times_way() -> None:
+    pairs, rng, now_ns = Pairs(), np.random.default_rng(5), 0
+    for k in range(3000):
+        late = rng.exponential(0.2) if k % 100 else rng.uniform(2.0, 15.0)
+        now_ns = max(now_ns + MS // 5, round((now_ns // MS + 1 + late) * MS))
+        pairs.tick(now_ns)
+    total = 0.0
+    for samples, side in zip(pairs.written.values(), pairs.sides, strict=True):
+        kept = [one for one in samples if isinstance(one, DeviceSample)]
+        force, x = (np.array([getattr(one, name) for one in kept]) for name in ("force_N", "position_m"))
+        work = float(kept[0].work_J - np.sum(force[:-1] * np.diff(x, axis=0)))
+        assert kept[-1].work_J == pytest.approx(work, rel=1e-9, abs=1e-12)
+        assert min(one.slack_J for one in kept) >= -1e-12
+        assert side.true_slack is not None
+        assert side.true_slack >= -1e-12
+        assert np.abs(force).max() > 0.3
+        total += work
+    assert pairs.body.work_J == pytest.approx(total, rel=1e-9, abs=1e-12)
