@@ -18,6 +18,7 @@ from hapnet.side.endpoint import DeviceEndpoint
 from tests.many.accounts import PAPER, Lead, table
 
 MS = 1_000_000
+TRUSTED = 0.3  # Ns/m
 LATE_NS = [round(at_ms * MS) for at_ms in (1, 2, 3.4, 4.0, 4.4, 5.6, 17.0, 17.3, 18, 19.4, 20.6, 42.0, 43)]
 """When the ticks come: up to 0.6 ms late, two within a period, and after stalls of 11 and 21 ms."""
 
@@ -84,7 +85,8 @@ class Pairs:
     """The sides of a device with two unequal pairs whose worlds are at the start and say nothing."""
 
     def __init__(self) -> None:
-        given = table([(0, 1), (0, 2)], **PAPER)
+        device = {**PAPER["device"], "trusted_damping": TRUSTED, "own_damping": TRUSTED}
+        given = table([(0, 1), (0, 2)], **{**PAPER, "device": device})
         given["edges"][0]["share"], given["edges"][1]["share"] = 0.6, 0.3
         graph, self.now_ns = graph_of(given), 0
         setups = graph_setups(graph, lambda params: params)
@@ -105,20 +107,27 @@ class Pairs:
 
 
 def test_both_halves_hold_over_late_ticks_and_their_work_is_force_times_way() -> None:
+    """And that of the damping which they trust, which is at most b dx^2/t over the time t that the device has lived."""
     pairs, rng, now_ns = Pairs(), np.random.default_rng(5), 0
     for k in range(3000):
         late = rng.exponential(0.2) if k % 100 else rng.uniform(2.0, 15.0)
         now_ns = max(now_ns + MS // 5, round((now_ns // MS + 1 + late) * MS))
         pairs.tick(now_ns)
     total = 0.0
-    for samples, side in zip(pairs.written.values(), pairs.sides, strict=True):
+    for share, samples, side in zip((0.6, 0.3), pairs.written.values(), pairs.sides, strict=True):
         kept = [one for one in samples if isinstance(one, DeviceSample)]
         force, x = (np.array([getattr(one, name) for one in kept]) for name in ("force_N", "position_m"))
-        work = float(kept[0].work_J - np.sum(force[:-1] * np.diff(x, axis=0)))
-        assert kept[-1].work_J == pytest.approx(work, rel=1e-9, abs=1e-12)
+        moved, counted = np.diff(x, axis=0), np.diff([one.work_J for one in kept])
+        by_force = -np.sum(force[:-1] * moved, axis=1)
+        times = np.array([one.time_ns for one in kept])
+        lived_s = 1e-3 * np.diff(np.round((times - times[0]) / MS))
+        most = np.divide(share * TRUSTED * np.sum(moved**2, axis=1), lived_s, where=lived_s > 0.0, out=0.0 * by_force)
+        assert np.all(counted >= by_force - 1e-12)
+        assert np.all(counted <= by_force + most * (1.0 + 1e-9) + 1e-12)
+        assert np.sum(counted - by_force) > 0.5 * np.sum(most)
         assert min(one.slack_J for one in kept) >= -1e-12
         assert side.true_slack is not None
         assert side.true_slack >= -1e-12
         assert np.abs(force).max() > 0.3
-        total += work
-    assert pairs.body.work_J == pytest.approx(total, rel=1e-9, abs=1e-12)
+        total += kept[0].work_J + float(np.sum(by_force))
+    assert pairs.body.work_J == pytest.approx(total, rel=1e-9, abs=1e-9)
