@@ -10,7 +10,7 @@ from hapnet.ext.many.summary import graph_verdict
 from tests.conftest import ROOT
 from tests.support.commands import Capture, empty_directory as empty_directory
 from tests.support.processes import without_progress
-from tests.support.wrong_graphs import BAD, GOOD, LED, SHARED, changed
+from tests.support.wrong_graphs import BAD, GOOD, LEADS, LED, SHARED, changed
 
 NEEDS = {"mujoco": "mujoco", "soft": "scipy"}
 
@@ -82,13 +82,34 @@ def test_a_wrong_argument_is_answered_in_one_line(
     assert not (empty_directory / "runs").exists()
 
 
-@pytest.mark.parametrize("command", [("run",), ("device", "--node", "alice"), ("world",)])
-def test_a_graph_with_followers_is_refused_in_real_time(
-    command: tuple[str, ...], empty_directory: Path, capsys: Capture
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["device", "--node", "bob"], ["--node is 'bob'", "a device of the graph: alice"]),
+        (["world"], ["--node is None", "a world or a follower of the graph: bob, carl"]),
+        (["device", "--node", "alice", "--operator", "mouse"], ["operator", "only hapnet play has a page"]),
+        (["device", "--node", "alice", "--record", "a.mcap"], ["--record a.mcap", "use --out DIRECTORY"]),
+        (["world", "--node", "carl", "--coupling", "pd"], ["coupling is 'pd'"]),
+    ],
+)
+def test_a_node_with_several_edges_or_a_follower_is_refused_in_one_line(
+    argv: list[str], says: list[str], empty_directory: Path, capsys: Capture
 ) -> None:
     (empty_directory / "led.toml").write_text(LED, "utf-8")
-    says = ["--graph led.toml", "hapnet simulate --graph led.toml runs it", "alice has 2 edges"]
-    _answers(capsys, [*command, "--graph", "led.toml", "--no-files"], says)
+    _answers(capsys, [*argv, "--graph", "led.toml", "--no-files"], says)
+
+
+def test_each_node_has_a_command_that_dials_those_whom_it_leads(empty_directory: Path, capsys: Capture) -> None:
+    (empty_directory / "led.toml").write_text(LEADS, "utf-8")
+    assert cli.main(["graph", "check", "led.toml"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for line in (
+        "on this machine: hapnet simulate --graph led.toml, or hapnet run --graph led.toml",
+        "alice: hapnet device --graph led.toml --node alice -e tcp/BOB:17447",
+        "bob: hapnet world --graph led.toml --node bob -l tcp/0.0.0.0:17447 -e tcp/CARL:17447",
+        "carl: hapnet world --graph led.toml --node carl -l tcp/0.0.0.0:17447",
+    ):
+        assert line in lines
 
 
 def test_a_graph_that_is_right_is_simulated_and_described(empty_directory: Path, capsys: Capture) -> None:
