@@ -80,11 +80,6 @@ class Setup:
     """Makes the coupling's ends faster."""
 
     @property
-    def has_own_ends(self) -> bool:
-        """Whether `ends` was given."""
-        return type(self.ends) is not Ends
-
-    @property
     def dof(self) -> int:
         return self.scene.dof
 

@@ -227,7 +227,7 @@ async def _run(
 
 
 class Interrupted(Protocol):
-    """What ends before its time: a side, or several."""
+    """A side, or the sides of a node, that may end before their time."""
 
     def interrupt(self, why: str) -> None:
         """Store why it is to end."""

@@ -168,8 +168,7 @@ class SimulatedDevice(Record):
         return 0.5 * self.mass * square
 
     def shared_periods(self, now_ns: int) -> int | None:
-        """The number of periods by which a body with several sides moves in the tick at `now_ns`, all at once; None: it
-        has one side, which knows the number."""
+        """The periods by which a body with several sides moves in the tick at `now_ns`; None: it has one side."""
         return None
 
     def read(self) -> tuple[Vector, Vector]:

@@ -11,6 +11,7 @@ import numpy as np
 from hapnet.assembly.build import Setup, compiled_ends, device_side, world_side
 from hapnet.assembly.device_class import is_blocking
 from hapnet.checks import Vector
+from hapnet.control.coupling import Ends
 from hapnet.loading import extension
 from hapnet.processes.system import ThreadTime
 from hapnet.realtime.servo import MakeStepLoop, Servo, ServoStats, StepLoop, Stepper
@@ -130,7 +131,8 @@ class ThreadedDevice:
             self.side = extension("driven robots").robot_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.follower.robot, params.follower.servo_hz
         else:
-            setup = setup if setup.has_own_ends else replace(setup, ends=compiled_ends())
+            if type(setup.ends) is Ends:
+                setup = replace(setup, ends=compiled_ends())
             self.side = device_side(setup, endpoint, clock, callbacks.write)
             driver, rate_hz = params.hardware, params.device.servo_hz
         if isinstance(self.side, RealDeviceSide):

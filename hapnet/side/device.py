@@ -20,7 +20,7 @@ from hapnet.plant.live_hand import LiveHand
 from hapnet.recording.samples import DeviceSample, Event, MetricSample, PostureSample, Sample
 from hapnet.records.record import equation
 from hapnet.side.endpoint import DeviceControl
-from hapnet.side.punctuality import Punctuality
+from hapnet.side.punctuality import Punctuality, periods_until
 from hapnet.wire.fields import Signal
 from hapnet.wire.signals import STOP
 
@@ -277,13 +277,10 @@ class DeviceSide(ABC):
     def _parts(self, x: Vector, force: Vector) -> ForceParts | None: ...
 
     def _periods(self, now_ns: int) -> int:
-        """The number of periods to advance a simulated device, so that it keeps up with the clock: normally 1.
-
-        It is higher if the servo was late, and 0 in the tick after a tick that was called late, or during a pause.
-        """
+        """The number of periods to advance a simulated device, so that it keeps up with the clock: normally 1. It is
+        higher if the servo was late, and 0 in the tick after a tick that was called late, or during a pause."""
         if self.paused:
             self._expected_ns = now_ns
-            return 0
         periods = periods_until(now_ns, self._expected_ns, self.drive.period_ns)
         self._expected_ns += periods * self.drive.period_ns
         return periods
@@ -319,11 +316,6 @@ class DeviceSide(ABC):
     def _emit(self, write: Callable[[S], None], sample: S) -> None:
         """Write the sample of this tick; in the next one, if the device tells only then which force it held."""
         write(sample)
-
-
-def periods_until(now_ns: int, advanced_ns: int, period_ns: int) -> int:
-    """The number of whole periods by which a device that was advanced to `advanced_ns` keeps up with `now_ns`."""
-    return 1 + round((now_ns - advanced_ns - period_ns) / period_ns)
 
 
 @equation

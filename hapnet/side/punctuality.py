@@ -117,3 +117,8 @@ class Punctuality:
 def seconds(value: float) -> str:
     """Format a time [s] with three digits, without an exponent."""
     return f"{value:.3g}" if value < 100.0 else f"{value:.0f}"
+
+
+def periods_until(now_ns: int, advanced_ns: int, period_ns: int) -> int:
+    """The number of whole periods by which a device that was advanced to `advanced_ns` keeps up with `now_ns`."""
+    return 1 + round((now_ns - advanced_ns - period_ns) / period_ns)

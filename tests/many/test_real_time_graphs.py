@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapnet.checks import Array
-from hapnet.ext.many.loop import DevicePart, JointLoop
+from hapnet.ext.many.loop import DeviceLoop, JointLoop
 from hapnet.recording.mcap import read_recording
 from hapnet.transport.config import free_address
 from tests.support.processes import Program, read_json, started, until
@@ -46,7 +46,7 @@ class Ticks:
 
     def __init__(self, loop: JointLoop, wrong: Callable[[int], bool] = lambda count: False) -> None:
         self.at_ns, self.failed, self.holds, self.wrong = list[int](), list[BaseException](), True, wrong
-        self.part: DevicePart = loop.for_device(
+        self.part: DeviceLoop = loop.for_device(
             1_000_000, self.tick, safe=self.release, on_error=self.failed.append, paced=True, realtime=False,
             clock=time.monotonic_ns,
         )  # fmt: skip

@@ -15,8 +15,8 @@ from hapnet.ext.robots.follower import Outside, Robot
 from hapnet.plant.device import SimulatedDevice
 from hapnet.plant.operator import Operator
 from hapnet.records.vectors import copy, inner
-from hapnet.side.device import periods_until
 from hapnet.side.endpoint import NANO
+from hapnet.side.punctuality import periods_until
 
 
 class SharedBody(Protocol):

@@ -308,8 +308,8 @@ def _edge(where: str, entries: Mapping[str, Any], nodes: Mapping[str, Node]) -> 
 
 
 def port_name(device: str, world: str, edges: int) -> str:
-    """The name of a pair in real time: its device's, or if this has several edges, the device's and the world's. No name
-    of a node has a dash."""
+    """The name of a pair in real time: its device's; if this has several edges, the device's and the world's. The name
+    of a node has no dash."""
     return device if edges == 1 else f"{device}-{world}"
 
 

@@ -41,14 +41,14 @@ class JointLoop:
                 period_ns, self._tick, safe=self._release, on_error=self._fail, realtime=realtime, clock=clock
             )
         self._made = 0
-        self._running: list[_Part] = []
+        self._running: list[_PairLoop] = []
         self._joint = JointSteps(())
         self._began = self._counted = False
 
-    def for_world(self, step: Step, on_error: Fail, clock: Callable[[], int]) -> WorldPart:
+    def for_world(self, step: Step, on_error: Fail, clock: Callable[[], int]) -> WorldLoop:
         """The steps of one hand; a `hapnet.realtime.servo.MakeStepLoop`."""
         self._made += 1
-        return WorldPart(self, self._made, step, on_error)
+        return WorldLoop(self, self._made, step, on_error)
 
     def for_device(
         self,
@@ -60,12 +60,12 @@ class JointLoop:
         paced: bool,
         realtime: bool,
         clock: Callable[[], int],
-    ) -> DevicePart:
+    ) -> DeviceLoop:
         """The ticks of one pair; a `hapnet.realtime.controllers.MakeServo`."""
         self._made += 1
-        return DevicePart(self, self._made, tick, safe, on_error)
+        return DeviceLoop(self, self._made, tick, safe, on_error)
 
-    def begin(self, part: _Part) -> str | None:
+    def begin(self, part: _PairLoop) -> str | None:
         """Let a pair take part; returns one line on why real-time scheduling was refused, or None."""
         with self._lock:
             self._running.append(part)
@@ -79,7 +79,7 @@ class JointLoop:
         self._stepper.start()
         return None
 
-    def end(self, part: _Part) -> None:
+    def end(self, part: _PairLoop) -> None:
         """Let a pair take part no more, without force; with the last one the thread ends."""
         with self._lock:
             if part in self._running:
@@ -136,7 +136,7 @@ class JointLoop:
             part.on_error(error)
 
 
-class _Part:
+class _PairLoop:
     """The part of one pair in a `JointLoop`; they come in the order of their numbers."""
 
     world: ThreadedWorld | None = None
@@ -153,7 +153,7 @@ class _Part:
         """Hold no force any more."""
 
 
-class WorldPart(_Part):
+class WorldLoop(_PairLoop):
     """The steps of a world's side; a `hapnet.realtime.servo.StepLoop`."""
 
     def start(self) -> None:
@@ -161,7 +161,7 @@ class WorldPart(_Part):
         self.loop.begin(self)
 
 
-class DevicePart(_Part):
+class DeviceLoop(_PairLoop):
     """The ticks of a device's side; a `hapnet.realtime.controllers.ServoLoop`."""
 
     def __init__(

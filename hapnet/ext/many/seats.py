@@ -22,7 +22,7 @@ from hapnet.ext.many.accounts import work_of
 from hapnet.ext.many.bodies import EdgeEnds, SharedBody
 from hapnet.ext.many.graph import RIGHTS, TOUCH
 from hapnet.ext.many.joint import JointSeat
-from hapnet.ext.many.loop import JointLoop, WorldPart
+from hapnet.ext.many.loop import JointLoop, WorldLoop
 from hapnet.ext.many.reservoirs import Reservoirs
 from hapnet.ext.many.shared_bodies import bind
 from hapnet.realtime.controllers import ThreadedDevice, ThreadedWorld
@@ -36,7 +36,7 @@ from hapnet.wire.messages import Role
 
 
 @dataclass(frozen=True)
-class Port:
+class NodePort:
     """A node's end of a pair: the pair's setup, and the node's role in it."""
 
     setup: Setup
@@ -67,7 +67,7 @@ class NodeSides:
 
     def __init__(
         self,
-        ports: Mapping[str, Port],
+        ports: Mapping[str, NodePort],
         zenoh: ZenohSettings,
         outputs: Outputs,
         *,
@@ -86,9 +86,9 @@ class NodeSides:
         self.sides: dict[str, RealtimeSide] = {}
         self.failures: dict[str, str] = {}
         for number, (name, port) in enumerate(ports.items()):
-            made: list[WorldPart] = []
+            made: list[WorldLoop] = []
 
-            def keep(*parts: Any, made: list[WorldPart] = made) -> WorldPart:
+            def keep(*parts: Any, made: list[WorldLoop] = made) -> WorldLoop:
                 made.append(loop.for_world(*parts))
                 return made[0]
 

@@ -18,7 +18,7 @@ from hapnet.commands.side import PARENT, catch, exit_code, held_back, main, outl
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import DEVICE, FOLLOWER, WORLD, Graph, Node, graph_of, read_graph
 from hapnet.ext.many.hands import Change, graph_setups, warnings_of, world_setups
-from hapnet.ext.many.seats import NodeSides, Outputs, Port, seat_names
+from hapnet.ext.many.seats import NodePort, NodeSides, Outputs, seat_names
 from hapnet.ext.many.shared_bodies import body_of
 from hapnet.ext.many.shares import has_one_side
 from hapnet.ext.many.summary import environment_line, reservoir_line
@@ -77,15 +77,15 @@ def _named(graph: Graph, name: str | None, *kinds: str) -> Node:
     return graph.nodes[name]
 
 
-def _ports(graph: Graph, node: Node, change: Change) -> tuple[dict[str, Port], SharedBody | None, int | None]:
+def _ports(graph: Graph, node: Node, change: Change) -> tuple[dict[str, NodePort], SharedBody | None, int | None]:
     """The ports of a node, its body (None: it has none), and the period of its servo [ns] (None: it is a world)."""
     led, leads = graph.led_to(node.name), graph.led_by(node.name)
     if node.kind == WORLD:
-        setups = world_setups(graph, led, change)
-        return {graph.port_of(edge): Port(setup, "world") for edge, setup in zip(led, setups, strict=True)}, None, None
+        seats = zip(led, world_setups(graph, led, change), strict=True)
+        return {graph.port_of(edge): NodePort(setup, "world") for edge, setup in seats}, None, None
     of_all = graph_setups(graph, change)
-    ports = {graph.port_of(edge): Port(of_all[edge.name], "world") for edge in led}
-    ports |= {graph.port_of(edge): Port(of_all[edge.name], "device") for edge in leads}
+    ports = {graph.port_of(edge): NodePort(of_all[edge.name], "world") for edge in led}
+    ports |= {graph.port_of(edge): NodePort(of_all[edge.name], "device") for edge in leads}
     first = next(iter(ports.values())).setup.params
     hand = graph.hand(node).operator if node.kind == FOLLOWER and node.is_held else first.operator
     if node.is_held and hand == LIVE:
@@ -166,7 +166,7 @@ async def _run(sides: NodeSides, duration_s: float, caught: list[signal.Signals]
             beside.cancel()
 
 
-def _table(what: str, summaries: Mapping[str, Summary], ports: Mapping[str, Port]) -> Table:
+def _table(what: str, summaries: Mapping[str, Summary], ports: Mapping[str, NodePort]) -> Table:
     from rich.table import Table
 
     table = Table(what, "passive", "gave out, mJ", "of, mJ", "pairs", "silences", "longest, s", "modulated, %")
