@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapnet.assembly.build import device_session, device_side
+from hapnet.assembly.build import compiled_ends, device_session, device_side
+from hapnet.control.coupling import Ends
 from hapnet.ext.many.bodies import EdgeDevice, EdgeEnds, HeldBody
 from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.hands import graph_setups
@@ -84,7 +85,7 @@ def test_a_pair_that_comes_later_finds_the_body_where_it_is() -> None:
 class Pairs:
     """The sides of a device with two unequal pairs whose worlds are at the start and say nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self, faster: Ends) -> None:
         device = {**PAPER["device"], "trusted_damping": TRUSTED, "own_damping": TRUSTED}
         given = table([(0, 1), (0, 2)], **{**PAPER, "device": device})
         given["edges"][0]["share"], given["edges"][1]["share"] = 0.6, 0.3
@@ -95,7 +96,7 @@ class Pairs:
         self.body, self.sides, self.written = body, list[DeviceSide](), dict[str, list[Sample]]()
         for name, setup in setups.items():
             endpoint, kept = DeviceEndpoint(device_session(setup, 1)), self.written.setdefault(name, [])
-            shared = replace(setup, ends=EdgeEnds(body))
+            shared = replace(setup, ends=EdgeEnds(body, faster))
             side = device_side(shared, endpoint, lambda: self.now_ns, kept.append)
             endpoint.pair(False)
             self.sides.append(side)
@@ -106,9 +107,15 @@ class Pairs:
             side.tick(now_ns)
 
 
-def test_both_halves_hold_over_late_ticks_and_their_work_is_force_times_way() -> None:
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_both_halves_hold_over_late_ticks_and_their_work_is_force_times_way(compiled: bool) -> None:
     """And that of the damping which they trust, which is at most b dx^2/t over the time t that the device has lived."""
-    pairs, rng, now_ns = Pairs(), np.random.default_rng(5), 0
+    if compiled:
+        pytest.importorskip("numba")
+        from hapnet.ext.compiled import real_time
+
+        real_time.make_ready(real_time.named(real_time.SERVO, 3))
+    pairs, rng, now_ns = Pairs(compiled_ends() if compiled else Ends()), np.random.default_rng(5), 0
     for k in range(3000):
         late = rng.exponential(0.2) if k % 100 else rng.uniform(2.0, 15.0)
         now_ns = max(now_ns + MS // 5, round((now_ns // MS + 1 + late) * MS))
