@@ -63,6 +63,12 @@ def test_a_graph_runs_on_this_machine(lab: Path) -> None:
     assert found["verdict"]["passive"] is True
     own = found["nodes"]["table"]["environment"]
     assert own["env_slack_J"] >= -1e-9
+    for name, role in (("table", "world"), ("alice", "device"), ("bob", "device")):
+        node = found["nodes"][name]
+        halves = [found["edges"][edge][role] for edge in node["edges"]]
+        assert node["sent_nJ"] == sum(half["sent_nJ"] for half in halves)
+        assert 0.0 <= node["ledger_sent_J"] - 1e-9 * node["sent_nJ"] <= 2e-9 * len(halves)
+        assert node["bound_J"] == pytest.approx(0.05 * len(halves) if role == "world" else 0.1, rel=1e-9)
     for name, deep_N in (("alice-table", 0.1), ("bob-table", 0.1)):
         edge = found["edges"][name]
         assert edge["verdict"]["passive"] is True
