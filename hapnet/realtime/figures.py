@@ -80,6 +80,11 @@ class SideFigures:
         utc_ns = None if origin_ns is None else origin_ns + self._utc_less_clock_ns
         return self._about | {"links": links, "origin_ns": origin_ns, "utc_origin_ns": utc_ns, "utc_clock": "system"}
 
+    def _hands(self) -> dict[str, Any]:
+        """The hands of a world with several; for viewers only, as they come and go."""
+        hands = self._setup.scene.hands if self._role == "world" else ()
+        return {"hands": [tuple(hand) for hand in hands]} if hands else {}
+
     def dropped(self) -> dict[str, int]:
         """The number of dropped messages, by kind. The caller holds the driver's lock."""
         flood = self._transport.rate_limiter.refused
@@ -153,7 +158,7 @@ class SideFigures:
             paired=paired,
             paused=paused,
             recording=recording,
-            about=self.meta(),
+            about=self.meta() | self._hands(),
             link=self._link.read(stats),
             path=dict(self._path.read()),
             account=self.account(final=self.stopped_ns is not None) if self._control.origin_ns is not None else {},

@@ -31,6 +31,12 @@ _PROXY_OPACITY = 115
 """The opacity of the sphere that was added for the hand, of 255."""
 
 
+def moving_bodies(found: MujocoModel) -> NDArray[Any]:
+    """The model's numbers of the bodies whose poses are in its picture."""
+    moves = np.flatnonzero((found.model.body_weldid != 0) | (found.model.body_mocapid >= 0))
+    return moves[moves > 0]
+
+
 class ModelPicture:
     """The picture of a running model, with its proxy at `position` (n,) [m]."""
 
@@ -40,8 +46,7 @@ class ModelPicture:
         place = self._data.site_xpos[found.site] if found.site >= 0 else self._data.xipos[found.body]
         self._origin = np.array(place) - padded(position)
         model = self._model
-        moves = np.flatnonzero((model.body_weldid != 0) | (model.body_mocapid >= 0))
-        self._bodies: NDArray[Any] = moves[moves > 0]
+        self._bodies = moving_bodies(found)
         flexes = [i for i in range(model.nflex) if model.flex_dim[i] > 1]
         self._soft = [self._soft_rows(i) for i in flexes]
         self.parts: tuple[Part, ...] = (*self._geoms(), *map(self._flex, flexes))

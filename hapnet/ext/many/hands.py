@@ -116,9 +116,10 @@ class JointSteps:
             return
         dt, moving = 0.0, dict[JointSeat, Vector]()
         for side, session, seat in self._seats:
+            seat.see(heard := is_heard(session, now_ns))
             if side.origin_ns is not None and not side.paused:
                 dt = (now_ns - side.stepped.began_ns) * NANO
-                seat.is_here = seat.may_touch and is_heard(session, now_ns)
+                seat.is_here = seat.may_touch and heard
                 side.mass.limit_energy(side.coupling.account)
                 moving[seat] = side.coupling.set_position
         if moving:

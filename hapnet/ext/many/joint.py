@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from hapnet.checks import Vector
 from hapnet.mechanics.contacts import Inverse, Observed, Surroundings
 from hapnet.plant.worlds.account import EnvironmentAccount, settle
+from hapnet.plant.worlds.picture import FREE, HERE, LEFT, SeenHand
 from hapnet.plant.worlds.protocol import WorldDefaults
 from hapnet.records.vectors import added
 
@@ -45,6 +46,10 @@ class JointWorld(ABC):
     def observed(self) -> Observed | None:
         """The account of its observer; None: its bodies are passive by design."""
         return None
+
+    @abstractmethod
+    def bodies(self, seen_by: JointSeat) -> Sequence[int]:
+        """The index of each seat's proxy among the poses of the picture for this seat; its own is not used."""
 
     @abstractmethod
     def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
@@ -82,7 +87,8 @@ class JointSeat(WorldDefaults):
     shared : the world of all hands. number : of the hand. contacts : its surroundings, with this hand's work.
 
     Attributes: may_touch, whether its hand may act on the bodies, and is_here, whether it does; work, what the bodies
-    have put in at its proxy so far [J]; joint, its account of the whole world (None: it is alone).
+    have put in at its proxy so far [J]; joint, its account of the whole world (None: it is alone); hand, the name and
+    the state of its hand.
     """
 
     shared: JointWorld
@@ -94,6 +100,19 @@ class JointSeat(WorldDefaults):
         self.may_touch = self.is_here = True
         self.work = 0.0
         self.joint: _JointAccount | None = None
+        self.hand = SeenHand("", FREE, -1)
+
+    @property
+    def hands(self) -> tuple[SeenHand, ...]:
+        seats = self.shared.seats
+        bodies = {one: -1 if one is self else body for one, body in zip(seats, self.shared.bodies(self), strict=True)}
+        return tuple([one.hand._replace(body=bodies[one]) for one in seats]) if len(seats) > 1 else ()
+
+    def see(self, heard: bool) -> None:
+        """Note whether its device is heard now."""
+        state = HERE if heard else FREE if self.hand.state == FREE else LEFT
+        if state != self.hand.state:
+            self.hand = self.hand._replace(state=state)
 
     def environment_account(self, contacts: Surroundings, position: Vector) -> EnvironmentAccount:
         if len(self.shared.seats) == 1:

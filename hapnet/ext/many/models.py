@@ -24,7 +24,7 @@ from hapnet.ext.engines.engine_world import EngineWorld, free_towards
 from hapnet.ext.engines.joint import Aim, HandsAccount, HandsMass, MujocoHands
 from hapnet.ext.engines.mujoco_engine import MujocoEngine
 from hapnet.ext.engines.mujoco_model import Asked, HandProxy, asked
-from hapnet.ext.engines.mujoco_picture import ModelPicture
+from hapnet.ext.engines.mujoco_picture import ModelPicture, moving_bodies
 from hapnet.ext.many.graph import Edge
 from hapnet.ext.many.joint import JointSeat, JointWorld
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
@@ -53,6 +53,10 @@ class SharedModel(JointWorld):
     @property
     def observed(self) -> Observed:
         return self.engine_account.observed
+
+    def bodies(self, seen_by: JointSeat) -> Sequence[int]:
+        moving = moving_bodies(self.engine.proxies[0].found).tolist()
+        return [moving.index(proxy.found.body) for proxy in self.engine.proxies]
 
     def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
         aims = {

@@ -87,12 +87,14 @@ class NodeSides:
         self.failures: dict[str, str] = {}
         for number, (name, port) in enumerate(ports.items()):
             made: list[WorldLoop] = []
+            setup = port.setup
+            if isinstance(setup.scene, JointSeat):
+                setup.scene.hand = setup.scene.hand._replace(name=name)
 
             def keep(*parts: Any, made: list[WorldLoop] = made) -> WorldLoop:
                 made.append(loop.for_world(*parts))
                 return made[0]
 
-            setup = port.setup
             if port.role == "device" and body is not None:
                 setup = replace(setup, ends=EdgeEnds(body, compiled_ends()))
             side = RealtimeSide(

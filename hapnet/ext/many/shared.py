@@ -87,6 +87,10 @@ class SharedWorld(JointWorld):
         resistance = tuple([1.0 / inverse(unit)[k] for k, unit in enumerate(units)])
         return self.blocks.solve(dt, {seat.number: Free(seat.in_world(position), velocity, resistance)})[seat.number]
 
+    def bodies(self, seen_by: JointSeat) -> Sequence[int]:
+        first, own = len(self.blocks.x), self.seats.index(seen_by)
+        return [first + number - (number > own) for number in range(len(self.seats))]
+
     @property
     def stored_J(self) -> float:
         """The energy in all motion and all springs."""

@@ -24,6 +24,7 @@ class Bodies:
         self._unit = unit
         moving = sorted({part.body for part in parts if part.body >= 0})
         self._frames = {body: scene.add_frame(f"/{name}_{body}", show_axes=False) for body in moving}
+        self._meshes: dict[int, list[viser.MeshHandle]] = {}
         self._soft: list[tuple[viser.MeshHandle, slice]] = []
         first = 0
         for number, part in enumerate(parts):
@@ -39,6 +40,7 @@ class Bodies:
                 cast_shadow=part.body != RESTS,
                 receive_shadow=part.body == RESTS,
             )
+            self._meshes.setdefault(part.body, []).append(handle)
             if part.body == SOFT:
                 self._soft.append((handle, slice(first, first + len(part.vertices))))
                 first += len(part.vertices)
@@ -51,6 +53,11 @@ class Bodies:
             for handle, rows in self._soft:
                 if len(vertices) >= rows.stop:
                     handle.vertices = vertices[rows]
+
+    def paint(self, body: int, color: tuple[int, int, int], opacity: float) -> None:
+        """Give all of this body another colour and opacity; an opacity of 0 hides it."""
+        for mesh in self._meshes.get(body, ()):
+            mesh.color, mesh.opacity, mesh.visible = color, opacity if opacity < 1.0 else None, opacity > 0.0
 
     def move(self, poses: Array) -> None:
         """Move the moving bodies to these poses (B, 7)."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,8 @@ class Snapshot:
     `taken` counts the samples from both sides, so that silence differs from rest. `summary` is the summary of the
     pair so far, with its verdict; None: a side has not reported its account, or the pair is being replaced.
     `planes` are the planes that the device has received; None: it receives none. `past` are the earlier pairs, the
-    newest last. `parts` and `scene` are the surfaces of the world and their present places.
+    newest last. `parts` and `scene` are the surfaces of the world and their present places. `names` are those of the
+    hands, by the names of their seats.
     """
 
     device: Track | None
@@ -86,6 +88,7 @@ class Snapshot:
     parts: tuple[Part, ...] | None = None
     scene: SceneSample | None = None
     posture: Vector = ()
+    names: Mapping[str, str] = field(default_factory=dict)
 
 
 _UNFINISHED: VerdictSummary = {
@@ -107,9 +110,18 @@ class History:
     seconds : how much of the past a snapshot shows. follows : `end` is not called: a pair ends when its sides restart,
     and its verdict is computed from its last accounts. joins : on one clock, add the margins of both ports at the same
     time, for couplings that are passive only jointly; False if the pair's own verdict has no such sum.
+    names : of hands, to be shown in place of those of their seats; it may change.
     """
 
-    def __init__(self, seconds: float = 10.0, *, follows: bool = True, joins: bool = True) -> None:
+    def __init__(
+        self,
+        seconds: float = 10.0,
+        *,
+        follows: bool = True,
+        joins: bool = True,
+        names: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        self._names = names
         self._span_ns = round(seconds * 1e9)
         self._follows, self._joins = follows, joins
         self._lock = threading.Lock()
@@ -174,6 +186,7 @@ class History:
                 self._parts,
                 self._scene,
                 self._posture,
+                dict(self._names),
             )
 
     def judge_by(self, summary: Summary) -> None:

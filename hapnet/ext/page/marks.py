@@ -115,15 +115,21 @@ class SpringCoil:
 
 
 class BallNames:
-    """The names of handle and proxy, which stay apart where both are at the same place."""
+    """The names of handle and proxy, which stay apart where both are at the same place. hint : write how to begin."""
 
-    def __init__(self, scene: viser.SceneApi, dof: int) -> None:
+    def __init__(self, scene: viser.SceneApi, dof: int, *, hint: bool) -> None:
         below = (0.0, -0.55, 0.0) if dof < 3 else (0.0, 0.0, -0.55)
+        above = (-below[0], -below[1], -below[2])
+        self.hint = scene.add_label("/handle/hint", " drag me ", position=above, anchor="bottom-center", visible=hint)
         self.labels = [
             scene.add_label("/handle/name", " handle ", position=below, anchor="top-right", font_screen_scale=0.85),
             scene.add_label("/proxy/name", " proxy ", position=below, anchor="top-left", font_screen_scale=0.85),
         ]
         self._handle_is_right = False
+
+    def name_proxy(self, name: str) -> None:
+        """Write this name at the proxy."""
+        self.labels[1].text = f" {name} "
 
     def part(self, apart: float) -> None:
         """Put the two names on different sides; `apart` : how far the handle is to the right of the proxy."""

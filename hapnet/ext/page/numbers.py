@@ -14,6 +14,7 @@ import viser
 
 from hapnet.ext.page.choices import label_of, scene_label, words_of
 from hapnet.ext.page.force import force_now, torque_now
+from hapnet.ext.page.hands import in_words
 from hapnet.ext.page.history import Episode, Snapshot, coupled, of_point, units
 from hapnet.mechanics.pose import angle_between
 from hapnet.recording.samples import Event
@@ -80,7 +81,7 @@ def _front(snapshot: Snapshot, state: str, troubles: Iterable[str], rows: Iterab
     how = ": ".join(filter(None, (label, words_of(label))))
     return (
         f'{found}<div style="opacity:.8" class="hapnet-state">{html.escape(state)}</div>'
-        f'{"".join(map(_trouble, troubles))}<div class="hapnet-coupling">{html.escape(how)}</div>'
+        f'{_hands(snapshot)}{"".join(map(_trouble, troubles))}<div class="hapnet-coupling">{html.escape(how)}</div>'
         f'{_past(snapshot.past)}<table class="hapnet-front" style="width:100%">{_lines(rows)}</table>'
     )
 
@@ -128,6 +129,14 @@ def _box(content: str, shown: str) -> str:
     return (
         f'<div style="padding:2px 12px 4px;font-size:13px;font-variant-numeric:tabular-nums" class="{shown}">'
         f"{content}</div>"
+    )
+
+
+def _hands(snapshot: Snapshot) -> str:
+    """The hands of the world, a line each; empty: it has one."""
+    return "".join(
+        f'<div class="hapnet-hand"><span style="color:rgb{color}">&#9679;</span> {html.escape(words)}</div>'
+        for words, color in in_words(snapshot)
     )
 
 

@@ -16,6 +16,7 @@ from hapnet.ext.page.bodies import Bodies, HandleTool
 from hapnet.ext.page.cameras import REACH_M, Cameras
 from hapnet.ext.page.contacts import ContactMarks
 from hapnet.ext.page.grab import Grab
+from hapnet.ext.page.hands import HandMarks
 from hapnet.ext.page.history import Snapshot, of_point
 from hapnet.ext.page.marks import MARK_RADIUS, PROXY_RADIUS, UNIT, padded, spot
 from hapnet.plant.worlds.picture import Part
@@ -61,6 +62,7 @@ class PageScene:
         for number, surface in enumerate(walls):
             _add_wall(scene, number, dof, walls, surface, wall_name)
         self._bodies = Bodies(scene, parts, UNIT)
+        self._hands = HandMarks(scene, self._bodies, UNIT, self.cameras.up)
         self._links = None if arm is None else Bodies(scene, arm.parts, UNIT, "link")
         self._contacts = ContactMarks(scene, UNIT, marks.FORCE_UNIT)
         self._planes = marks.DevicePlanes(scene, dof, self.cameras.up)
@@ -74,11 +76,7 @@ class PageScene:
         self._touch = scene.add_icosphere("/touch", MARK_RADIUS, marks.RED, cast_shadow=False, visible=False)
         self._spring = marks.SpringCoil(scene)
         self._force = marks.ForceArrow(scene, self.cameras.up)
-        self._names = marks.BallNames(scene, dof)
-        self._hint = scene.add_label(
-            "/handle/hint", " drag me ", position=0.55 * self.cameras.up, anchor="bottom-center",
-            visible=hints and lead is not None,
-        )  # fmt: skip
+        self._names = marks.BallNames(scene, dof, hint=hints and lead is not None)
         self._spot = np.zeros(3)
         self._grab = (
             None
@@ -89,7 +87,7 @@ class PageScene:
     @property
     def hints(self) -> bool:
         """Whether the hint at the handle is shown."""
-        return self._hint.visible
+        return self._names.hint.visible
 
     def show_target(self, position: Vector | None) -> None:
         """Show the hand's target; None: unknown, not shown."""
@@ -119,6 +117,9 @@ class PageScene:
                     )
             if snapshot.scene is not None:
                 self._bodies.update(snapshot.scene)
+            if (own := self._hands.update(snapshot)) is not None:
+                self._proxy.color = own.color
+                self._names.name_proxy(own.name)
             self._contacts.update([] if snapshot.scene is None else snapshot.scene.contacts())
             self._show_touch(snapshot)
             planes = (snapshot.planes or ()) if self._in_metres else ()
@@ -147,7 +148,7 @@ class PageScene:
             self._touch.position = spot(world.position_m[-1]) + force * (UNIT * depth / size)
 
     def _follow(self, lead: Callable[[Vector], None], middle: Array) -> None:
-        self._hint.visible = False
+        self._names.hint.visible = False
         if np.isfinite(middle).all():
             lead(tuple(np.clip(middle[: self.dof] / UNIT, -REACH_M, REACH_M).tolist()))
 

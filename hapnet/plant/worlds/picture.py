@@ -42,6 +42,18 @@ class Touch(NamedTuple):
     force_N: Vector  #: on the proxy
 
 
+HERE, LEFT, FREE = "here", "left", "free"
+"""The states of a hand: its device is there; it was there, and has left or is silent; nobody has come yet."""
+
+
+class SeenHand(NamedTuple):
+    """A hand of a world with several."""
+
+    name: str
+    state: str  #: `HERE`, `LEFT` or `FREE`
+    body: int  #: index of the pose of the body that it holds, in the picture; -1: it is the hand whose picture it is
+
+
 class Picture(Protocol):
     """The picture of a world during a run."""
 

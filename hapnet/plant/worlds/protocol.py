@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Signal, Vector
 from hapnet.mechanics.contacts import Mass, Surroundings
 from hapnet.plant.worlds.account import EnvironmentAccount
-from hapnet.plant.worlds.picture import Picture
+from hapnet.plant.worlds.picture import Picture, SeenHand
 from hapnet.units import METRES
 
 if TYPE_CHECKING:
@@ -85,6 +85,11 @@ class WorldDefaults(Protocol):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user."""
+        return ()
+
+    @property
+    def hands(self) -> tuple[SeenHand, ...]:
+        """The hands of a world with several, this one among them, for pages. Called on the event loop."""
         return ()
 
     def proxy(self, mass: ArrayLike, damping: ArrayLike, stiffness: ArrayLike) -> Mass | None:
