@@ -85,6 +85,19 @@ def free_name(settings: ZenohSettings, session: str, within_s: float = FOUND_WIT
     raise HapnetError(f"no world with the --session {session} waits for a device{others}")
 
 
+def taken_names(settings: ZenohSettings, session: str) -> set[str]:
+    """The names of the devices of this session that a router knows. Blocks.
+
+    Raises TransportError, InvalidParameter: as `zenoh_config`.
+    """
+    tokens = f"hapnet/{check_name('session', session)}/*/{DIRECTIONS['device']}/*"
+    try:
+        with zenoh.open(zenoh_config(replace(settings, mode="client"))) as node:
+            return _names(node, tokens)
+    except zenoh.ZError as error:
+        raise TransportError(f"cannot ask for the seats: {reason(error)}") from None
+
+
 def _names(node: zenoh.Session, tokens: str) -> set[str]:
     replies = node.liveliness().get(tokens, timeout=1.0)
     return {str(reply.ok.key_expr).split("/")[2] for reply in replies if reply.ok is not None}

@@ -330,6 +330,7 @@ COMMANDS = [
     bad("world", "-l", "tcp/127.0.0.1:1", "--users", "users.txt", says="users.txt|user:password"),
     bad("world", "-l", "tcp/256.0.0.1:17447", says="256.0.0.1"),
     bad("play", "--coupling", "nosuch", says="nosuch|pspm"),
+    bad("play", "--seats", "0", says="--seats is '0'; allowed: 1 to 64"),
     bad("transparency", "--seeds", "one", says="--seeds|A:B"),
     bad("reproduce", "fig4", "--duration", "0", says="duration above 0"),
     bad("bench", "--only", "", says="--only"),

@@ -82,6 +82,14 @@ def test_messages_of_any_length_come_whole_and_in_order() -> None:
     (["--session", "mine"], "it needs -e or -l"),
     (["--no-files"], "it needs -e or -l"),
     (["--encrypt"], "it needs -e or -l"),
+    (["--seats", "0"], "allowed: 1 to 64"),
+    (["--seats", "65"], "allowed: 1 to 64"),
+    (["--seats", "alice,alice"], "different names"),
+    (["--seats", "world,alice"], "names other than world"),
+    (["--seats", "2", "-e", "tcp/127.0.0.1:9"], "leave -e and -l out"),
+    (["--seats", "2", "--name", "alice"], "it needs -e or -l"),
+    (["--seats", "2", "--scene", "sphere"], "have room for several hands"),
+    (["--seats", "2", "--set", "operator=press"], "the mouse is the hand here"),
 ])  # fmt: skip
 def test_what_cannot_be_is_said_in_a_line(argv: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["play", "--no-browser", *argv]) == 2

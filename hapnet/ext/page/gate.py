@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import html
 import ipaddress
 import secrets
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from urllib.parse import urlsplit
@@ -24,25 +25,24 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from hapnet.ext.page.entrance import Answered, Entrance, Visit
 from hapnet.ext.page.offered import Offered
 
 LARGEST_MESSAGE = 1 << 20
 """A larger message from a page is refused [bytes]; a file comes in parts of half this size."""
 
-ANY_HOST = ("", "0.0.0.0", "::")
-
 _ADDRESS = "open the whole address that hapnet printed at its start, with the part behind the port"
 
 
 class Gate:
-    """Forwards permitted requests and messages between browsers and viser, on viser's event loop.
+    """Forwards permitted requests and messages between browsers and viser, on the event loop that opens it.
 
-    inner : opens a new connection to viser. token : the first part of each path. host : the address to listen
-    on. version : of viser; a page of another version is refused.
+    entrance : to the viser servers. token : the first part of each path. host : the address to listen on.
+    version : of viser; a page of another version is refused.
     """
 
-    def __init__(self, inner: Callable[[], Awaitable[socket.socket]], token: str, host: str, version: str) -> None:
-        self._inner, self._token, self._host = inner, token.encode(), host
+    def __init__(self, entrance: Entrance, token: str, host: str, version: str) -> None:
+        self._entrance, self._token, self._host = entrance, token.encode(), host
         self._subprotocol = Subprotocol(f"viser-v{version}")
         self._server: Server | None = None
         self.refused: int = 0
@@ -63,7 +63,10 @@ class Gate:
     async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request; None: a permitted page opens its WebSocket."""
         wants_socket = "websocket" in request.headers.get("Upgrade", "").lower()
-        if problem := self._problem(request, wants_socket):
+        problem = self._problem(request, wants_socket)
+        if wants_socket and not problem:
+            problem = self._entrance.refusal(_visit(request))
+        if problem:
             self.refused += 1
             return connection.respond(HTTPStatus.FORBIDDEN, f"refused: {problem}\n")
         return None if wants_socket else await self._file(request)
@@ -83,10 +86,13 @@ class Gate:
         return ""
 
     async def _file(self, request: Request) -> Response:
-        """A file of the page, from viser."""
-        path = request.path.partition("?")[0].partition("/")[2].partition("/")[2]
+        """A file of the page, from viser, or the entrance's own answer."""
+        found = await self._entrance.file(_visit(request))
+        if isinstance(found, Answered):
+            return self._answered(found)
+        inner, path, cookie = found
         coding = "gzip" if "gzip" in request.headers.get("Accept-Encoding", "") else "identity"
-        reader, writer = await asyncio.open_connection(sock=await self._inner())
+        reader, writer = await asyncio.open_connection(sock=await inner())
         try:
             wanted = f"GET /{path} HTTP/1.1\r\nHost: viser\r\nAccept-Encoding: {coding}\r\n\r\n"
             writer.write(wanted.encode(errors="replace"))
@@ -95,19 +101,23 @@ class Gate:
         finally:
             writer.close()
         fields = dict(line.split(": ", 1) for line in head[1:] if ": " in line)
-        kept = {name: fields[name] for name in ("Content-Type", "Content-Encoding") if name in fields}
-        headers = Headers(
-            **kept, **{"Content-Length": str(len(body)), "Connection": "close", "Cache-Control": "no-store",
-            "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY", "X-Content-Type-Options": "nosniff"},
-        )  # fmt: skip
-        status = HTTPStatus(int(head[0].split(" ")[1]))
-        return Response(status.value, status.phrase, headers, body)
+        kept: dict[str, str] = {name: fields[name] for name in ("Content-Type", "Content-Encoding") if name in fields}
+        if cookie:
+            kept["Set-Cookie"] = cookie
+        return _response(HTTPStatus(int(head[0].split(" ")[1])), kept, body)
+
+    def _answered(self, found: Answered) -> Response:
+        fields = {"Content-Type": "text/html; charset=utf-8"}
+        if found.location:
+            fields["Location"] = f"/{self._token.decode()}/{found.location}"
+        return _response(found.status, fields, _SENTENCE.format(html.escape(found.text)).encode())
 
     async def _forward(self, browser: ServerConnection) -> None:
         """Forward all messages from viser, and the permitted messages from the page."""
         offered = Offered()
-        async with connect(
-            "ws://viser/", sock=await self._inner(), subprotocols=[self._subprotocol], compression=None, max_size=None,
+        assert browser.request is not None
+        async with self._entrance.room(_visit(browser.request)) as inner, connect(
+            "ws://viser/", sock=await inner(), subprotocols=[self._subprotocol], compression=None, max_size=None,
             ping_interval=None, user_agent_header=None,
         ) as viser:  # fmt: skip
             tasks = [
@@ -134,6 +144,26 @@ async def _to_page(viser: ClientConnection, browser: ServerConnection, offered: 
             assert isinstance(frame, bytes)
             offered.learn(frame)
             await browser.send(frame)
+
+
+def _visit(request: Request) -> Visit:
+    return Visit.of(request.path, request.headers.get_all("Cookie"))
+
+
+def _response(status: HTTPStatus, fields: Mapping[str, str], body: bytes) -> Response:
+    headers = Headers(
+        **fields, **{"Content-Length": str(len(body)), "Connection": "close", "Cache-Control": "no-store",
+        "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY", "X-Content-Type-Options": "nosniff"},
+    )  # fmt: skip
+    return Response(status.value, status.phrase, headers, body)
+
+
+_SENTENCE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>hapnet</title></head>
+<body style="font:18px/1.5 system-ui,sans-serif;max-width:36em;margin:20vh auto;padding:0 1em"><p>{}</p></body></html>
+"""
+"""A page with a sentence, in place of the page that cannot be had."""
 
 
 def new_token() -> str:

@@ -23,6 +23,8 @@ COLORS: tuple[Color, ...] = (
 )  # fmt: skip
 """Of the hands, in the order of their seats; after the last the first one comes again."""
 
+_ABOVE, _LINE = 1.1, 0.5  # of the names above a hand, in scene units
+
 PALE = 0.25
 """Opacity of a ghost."""
 
@@ -66,9 +68,9 @@ class HandMarks:
             for hand in hands:
                 self._mark(hand)
         poses = () if snapshot.scene is None else snapshot.scene.bodies()
-        for body, label in self._labels.items():
-            if body < len(poses):
-                label.position = self._unit * poses[body][:3] + 0.6 * self._up
+        for line, (body, label) in enumerate(self._labels.items()):
+            if body < len(poses):  # hands may be at the same place, as they are at their start
+                label.position = self._unit * poses[body][:3] + (_ABOVE + _LINE * line) * self._up
         return next((hand for hand in hands if hand.body < 0), None)
 
     def _mark(self, hand: ShownHand) -> None:

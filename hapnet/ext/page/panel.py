@@ -76,9 +76,8 @@ class ControlPanel:
         )
         if fixed:
             gui.add_html(f'<div class="hapnet-fixed" style="padding:0 12px;font-size:12px;opacity:.8">{fixed}</div>')
-        file = gui.add_upload_button(
-            "load a mesh ...", color="gray", icon=viser.Icon.FILE_UPLOAD, visible=not fixed, hint=FILE_HINT
-        )
+        else:
+            self._offer_upload(gui)
         self._up = LinkForm(
             gui, "link, device to world" if fixed else "link, both directions", controls, self._actions,
             self._directions_of_first,
@@ -105,16 +104,19 @@ class ControlPanel:
         self._on_change(self._scene, controls.scene)
         self._on_change(self._smoothing, lambda on: controls.smoothing(SMOOTHING_S if on else 0.0))
 
-        @file.on_upload
-        async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
-            given = file.value
-            self._do(lambda: self._take_file(given.name, given.content), True, event.client)
-
         @self._alike.on_update
         async def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
             self._arrange()
             if event.client is not None and self._alike.value:
                 self._up.send(event.client)
+
+    def _offer_upload(self, gui: viser.GuiApi) -> None:
+        file = gui.add_upload_button("load a mesh ...", color="gray", icon=viser.Icon.FILE_UPLOAD, hint=FILE_HINT)
+
+        @file.on_upload
+        async def _(event: viser.GuiEvent[viser.GuiUploadButtonHandle]) -> None:
+            given = file.value
+            self._do(lambda: self._take_file(given.name, given.content), True, event.client)
 
     def update(self, snapshot: Snapshot) -> None:
         """Show the settings that the sides report; an older report does not undo a change that a user has just made."""

@@ -30,8 +30,10 @@ from hapnet.transport.refusals import watched
 from hapnet.transport.router import routed
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
+    from hapnet.assembly.build import Setup
     from hapnet.ext.many.bodies import SharedBody
     from hapnet.wire.messages import Role
 
@@ -54,6 +56,19 @@ def world_of_graph(file: Path, node: str | None, change: Change, side: SideFlags
 
 def world_of_seats(seats: str, change: Change, side: SideFlags, zenoh: ZenohOptions) -> int:
     """Run a world with these seats: `hapnet world --seats alice,bob`."""
+    graph = graph_of_seats(seats)
+    return _node(graph, graph.nodes["world"], change, side, zenoh)
+
+
+def seat_setups(seats: str, change: Change) -> dict[str, Setup]:
+    """The setup of each seat's pair, by its name. Raises InvalidParameter: the world has no room for them."""
+    graph = graph_of_seats(seats)
+    edges = graph.led_to("world")
+    return {edge.device: setup for edge, setup in zip(edges, world_setups(graph, edges, change), strict=True)}
+
+
+def graph_of_seats(seats: str) -> Graph:
+    """The graph of one world, named world, with these seats. Raises InvalidParameter: they are no seats."""
     rights = seat_names(seats)
     names = list(rights)
     if "world" in names:
@@ -61,10 +76,9 @@ def world_of_seats(seats: str, change: Change, side: SideFlags, zenoh: ZenohOpti
     nodes = {name: {"kind": "device", "operator": "rest"} for name in names}
     edges = [{"from": name, "to": "world", "rights": rights[name]} for name in names]
     try:
-        graph = graph_of({"nodes": {**nodes, "world": {"kind": "world", "dof": 0}}, "edges": edges})
+        return graph_of({"nodes": {**nodes, "world": {"kind": "world", "dof": 0}}, "edges": edges})
     except InvalidParameter as error:
         raise error.renamed("--seats", seats) if error.name == "nodes" else error from None
-    return _node(graph, graph.nodes["world"], change, side, zenoh)
 
 
 def _named(graph: Graph, name: str | None, *kinds: str) -> Node:
@@ -137,13 +151,10 @@ def _node(graph: Graph, node: Node, change: Change, given: SideFlags, zenoh: Zen
         if node.kind == WORLD:
             result = {"environment": sides.environment, "reservoirs": sides.reservoirs, "seats": summaries}
         if words is not None:
-            words.print(_table("seat" if node.kind == WORLD else "pair", summaries, ports))
-            lines = (
-                environment_line(node.name, len(ports), sides.environment),
-                reservoir_line(node.name, sides.reservoirs),
-            )
-            for line in filter(None, lines):
-                words.print(line, markup=False)
+            if node.kind == WORLD:
+                show_seats(words, node.name, result)
+            else:
+                words.print(_table("pair", summaries, {name: port.role for name, port in ports.items()}))
             if directory is not None:
                 output.show_files(words, [*(f"{name}.mcap" for name in setups), "summary.json", "log.jsonl"], directory)
         for name, summary in summaries.items():
@@ -158,7 +169,7 @@ async def _run(sides: NodeSides, duration_s: float, caught: list[signal.Signals]
     stop = asyncio.Event()
     on_signal = catch(stop, caught, again=sides.leave_at_once)
     parent = int(os.environ.pop(PARENT, "0"))
-    beside = asyncio.create_task(outlive(sides, parent, "hapnet run", on_signal)) if parent else None
+    beside = asyncio.create_task(outlive(sides, parent, "the program", on_signal)) if parent else None
     try:
         return await sides.run(stop, duration_s)
     finally:
@@ -166,12 +177,20 @@ async def _run(sides: NodeSides, duration_s: float, caught: list[signal.Signals]
             beside.cancel()
 
 
-def _table(what: str, summaries: Mapping[str, Summary], ports: Mapping[str, NodePort]) -> Table:
+def show_seats(words: Console, name: str, result: Mapping[str, Any]) -> None:
+    """Print the result of a world with seats: a row for each, and the accounts of its bodies and reservoirs."""
+    words.print(_table("seat", result["seats"], dict.fromkeys(result["seats"], "world")))
+    environment = environment_line(name, len(result["seats"]), result["environment"])
+    for line in filter(None, (environment, reservoir_line(name, result["reservoirs"]))):
+        words.print(line, markup=False)
+
+
+def _table(what: str, summaries: Mapping[str, Summary], roles: Mapping[str, Role]) -> Table:
     from rich.table import Table
 
     table = Table(what, "passive", "gave out, mJ", "of, mJ", "pairs", "silences", "longest, s", "modulated, %")
     for name, summary in summaries.items():
-        table.add_row(name, *_cells(summary, ports[name].role))
+        table.add_row(name, *_cells(summary, roles[name]))
     return table
 
 

@@ -10,7 +10,7 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +30,10 @@ from hapnet.laws import COUPLING_NAMES
 from hapnet.param_sources import COMMAND
 from hapnet.params import Params
 from hapnet.processes.child import frames
-from hapnet.processes.start import PIPE, Program, end, module, started
+from hapnet.processes.start import NOTHING, PIPE, Program, end, module, started
 from hapnet.processes.system import handled
 from hapnet.recording.telemetry import Status, Telemetry
+from hapnet.transport.router import FREE, free_name
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,7 +54,7 @@ LINGER_S = 20.0
 class FarWorld:
     """The world to connect to, how to reach it, and the outputs of this side.
 
-    seed, out, files, realtime, json_to : as of `hapnet device`.
+    seed, out, files, realtime, json_to : as of `hapnet device`. quiet : print nothing but errors.
     """
 
     zenoh: ZenohOptions
@@ -64,12 +65,14 @@ class FarWorld:
     files: bool
     realtime: bool
     json_to: str | None = None
+    quiet: bool = False
 
     def words(self) -> list[str]:
         """The flags of `hapnet device` for these settings."""
         words = [*self.zenoh.words(), "--session", self.session, "--name", self.name, "--seed", str(self.seed)]
         words += [] if self.out is None else ["--out", str(self.out)]
         words += [] if self.json_to is None else ["--json", self.json_to]
+        words += ["--log", "-"] * self.quiet
         return [*words, *["--no-files"] * (not self.files), *["--realtime"] * self.realtime]
 
 
@@ -83,6 +86,9 @@ def play(params: Params, far: FarWorld, page: PageOptions) -> int:
         raise InvalidParameter("--encrypt", "alone", "", why=why)
     settings = zenoh_settings(far.zenoh)
     words = output.console(far.json_to)
+    if far.name == FREE:
+        far = replace(far, name=free_name(settings, far.session))
+        words.print(f"takes the free seat {far.name}", markup=False)
     with ExitStack() as closing:
         found: queue.SimpleQueue[Status] = queue.SimpleQueue()
 
@@ -142,12 +148,12 @@ class MouseHand:
 
     The child process prints its own lines and verdict on this terminal, and writes its own files.
 
-    history : receives the telemetry of both sides. closing : ends the process if it still runs.
+    history : receives the telemetry of both sides. closing : ends the process if it still runs. fixed : why the page
+    cannot change more.
     """
 
-    fixed = FIXED
-
-    def __init__(self, params: Params, far: FarWorld, history: History, closing: ExitStack) -> None:
+    def __init__(self, params: Params, far: FarWorld, history: History, closing: ExitStack, fixed: str = FIXED) -> None:
+        self.fixed = fixed
         self._lock = threading.Lock()
         file = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="hapnet-"))) / "params.toml"
         file.write_text(params.toml(sources=True), encoding="utf-8")
@@ -157,13 +163,14 @@ class MouseHand:
             self._child = started(
                 command,
                 stdin=PIPE,
+                stdout=NOTHING if far.quiet else None,
                 keeps=(theirs,),
                 environment={CONSOLE: "1", PAGE: f"{theirs} {os.getpid()}"},
                 own_group=True,
             )
         finally:
             os.close(theirs)
-        closing.callback(_end_child, self._child)
+        closing.callback(end_child, self._child)
         reader = TelemetryReader(far.zenoh.security.secret_word(), history.take)
         threading.Thread(target=_read, args=(ours, reader), name="telemetry", daemon=True).start()
 
@@ -181,14 +188,14 @@ class MouseHand:
     def link(self, direction: Direction, text: str) -> None:
         require_no_file(text)
         if direction == "down":
-            raise HapnetError(FIXED)
+            raise HapnetError(self.fixed)
         self._send(do="link", words=str(link_profile("link.up", text)))
 
     def pause(self, on: bool) -> None:
         self._send(do="pause", on=on)
 
     def _refuse(self, *given: object) -> None:
-        raise HapnetError(FIXED)
+        raise HapnetError(self.fixed)
 
     coupling = scene = mesh = smoothing = reset = _refuse
 
@@ -208,7 +215,8 @@ def _read(file: int, reader: TelemetryReader) -> None:
             reader.read(data)
 
 
-def _end_child(child: Program) -> None:
+def end_child(child: Program) -> None:
+    """Ask a program to end, and wait until it has."""
     if child.poll() is None:
         child.terminate()
         end(child, LINGER_S)

@@ -12,6 +12,7 @@ from hapnet.commands import flags, output
 from hapnet.commands.options import NO_LINK, LinkOptions, ModelOptions, ParamsOptions, ZenohOptions
 from hapnet.errors import InvalidParameter
 from hapnet.ext.page.commands.options import PageOptions
+from hapnet.loading import extension
 from hapnet.param_sources import COMMAND, FLAG
 from hapnet.params import RELAXED_HAND, Params, is_simulated
 from netem.groups import Without
@@ -33,6 +34,10 @@ def play(
     zenoh: ZenohOptions,
     realtime: flags.Realtime = False,
     page: PageOptions,
+    seats: Annotated[
+        str | None,
+        typer.Option(metavar="N|NAMES", help="Several hands: 4, or names such as alice,bob; one for each browser."),
+    ] = None,
 ) -> int:
     """Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
     PSPM.
@@ -44,6 +49,8 @@ def play(
     With -e or -l only the hand runs here. The world is `hapnet world` on another host, which this side dials
     (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are taken from the world. Ctrl-C ends it as it
     ends `hapnet device`.
+
+    With --seats each browser that opens the page has a hand of its own in one world.
     """
     far = zenoh.leave_this_host
     base = Params().set(NO_LINK, COMMAND) if far else Params()
@@ -52,6 +59,10 @@ def play(
         if chosen.source(own) == FLAG:  # a file may be for other commands too
             raise InvalidParameter(own, chosen.get(own), "", why=f"{why}; leave it out")
     chosen = led(chosen)
+    if seats is not None:
+        _check_seats(seats, far=far)
+        if not chosen.asked("scene"):
+            chosen = chosen.set({"scene": BLOCK}, COMMAND)
     if params.show_params:
         return params.show(chosen)
     if not is_simulated(chosen.hardware):
@@ -66,6 +77,8 @@ def play(
         ):  # fmt: skip
             if given:
                 raise InvalidParameter(flag, "alone", "", why="it needs -e or -l, for a world on another host")
+        if seats is not None:
+            return _play_seats(chosen, seats, seed, out, page, json_to, realtime=realtime)
         return _play_here(chosen, seed, out, page, json_to, realtime=realtime)
     from hapnet.ext.page.commands import far_world
 
@@ -74,6 +87,30 @@ def play(
         raise InvalidParameter("--scene", chosen.scene, "", why=why)
     world = far_world.FarWorld(zenoh, session, name, seed, out, files, realtime, json_to)
     return far_world.play(chosen, world, page)
+
+
+BLOCK = "shared:block?mass=0.2&size=30mm,60mm,30mm&at=30mm,0,0"
+"""The world of several hands, unless another is given: a block that one can go around on the page."""
+
+
+def _check_seats(seats: str, *, far: bool) -> None:
+    """Raise InvalidParameter: these are no seats, or the world would not be here."""
+    if far:
+        why = "the world with the seats is here; on another host it is hapnet world --seats, and here play --name free"
+        raise InvalidParameter("--seats", seats, "", why=f"{why}; leave -e and -l out")
+    extension("seats").graph_of_seats(seats)
+
+
+def _play_seats(
+    chosen: Params, seats: str, seed: int, out: Path | None, page: PageOptions, json_to: str | None, *, realtime: bool
+) -> int:
+    """A world with several seats on this machine, and a hand for each browser."""
+    from hapnet.ext.page.commands.seats import play as play_seats
+
+    live = extension("seats")
+    setups = live.seat_setups(seats, lambda pair: pair.set(chosen.changes(), dict(chosen.sources)))
+    output.show_warnings(output.console(json_to), live.warnings_of(setups.values()))
+    return play_seats(chosen, seats, setups, seed, out, page, json_to, realtime=realtime)
 
 
 def _play_here(
