@@ -17,7 +17,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
 from hapnet.ext.page.history import History
-from hapnet.ext.page.seating import LOADING_S, RELOAD_S, Seat, SeatFull, Seating, SeatsServer
+from hapnet.ext.page.seating import LOADING_S, RELOAD_S, BrowserSeat, SeatFull, Seating, SeatsServer
 from hapnet.ext.page.viser_page import ViserPage
 from tests.support.processes import until
 
@@ -97,7 +97,7 @@ class Sitting:
 
     made: ClassVar[list["Sitting"]] = []
 
-    def __init__(self, seat: Seat) -> None:
+    def __init__(self, seat: BrowserSeat) -> None:
         self.seat, self.ended = seat, False
         self._page = ViserPage(History(), None)
         self.inner = self._page.connect

@@ -40,7 +40,7 @@ class SeatFull(HapnetError):
     """Nobody else can take this seat, or any; the text is for people."""
 
 
-class Seat:
+class BrowserSeat:
     """A seat. key : what the browser that has it shows; empty: none has it.
 
     pages : its open WebSockets. kept_until_s : for a page that loads, or reloads. closing : its device is ending.
@@ -65,11 +65,11 @@ class Seating:
     """
 
     def __init__(self, names: Collection[str], now_s: Callable[[], float] = time.monotonic) -> None:
-        self.seats: Mapping[str, Seat] = {name: Seat(name) for name in names}
+        self.seats: Mapping[str, BrowserSeat] = {name: BrowserSeat(name) for name in names}
         self.labels = {name: name for name in names}
         self._now_s = now_s
 
-    def choose(self, wanted: str, elsewhere: Collection[str] = ()) -> Seat:
+    def choose(self, wanted: str, elsewhere: Collection[str] = ()) -> BrowserSeat:
         """Keep a seat for a browser that gives this name (empty: none). elsewhere : seats that other devices have.
 
         Raises SeatFull: the seat of that name is taken, or all are, or it is no name.
@@ -89,7 +89,7 @@ class Seating:
         self.labels[seat.name], seat.kept_until_s = wanted or seat.name, now_s + LOADING_S
         return seat
 
-    def admit(self, seat: Seat, key: str) -> str:
+    def admit(self, seat: BrowserSeat, key: str) -> str:
         """Let a browser that shows this key load the page of a seat; returns the key that it is to show from now on.
 
         Raises SeatFull: another browser has it.
@@ -103,18 +103,18 @@ class Seating:
         seat.key, seat.kept_until_s = secrets.token_urlsafe(16), now_s + LOADING_S
         return seat.key
 
-    def open(self, seat: Seat) -> None:
+    def open(self, seat: BrowserSeat) -> None:
         """Count a WebSocket."""
         seat.pages += 1
         seat.kept_until_s = 0.0
 
-    def close(self, seat: Seat) -> None:
+    def close(self, seat: BrowserSeat) -> None:
         """Count a WebSocket that has closed; the seat is kept for `RELOAD_S`."""
         seat.pages -= 1
         if not seat.pages:
             seat.kept_until_s = self._now_s() + RELOAD_S
 
-    def empty(self, seat: Seat) -> None:
+    def empty(self, seat: BrowserSeat) -> None:
         """Nobody has the seat any more."""
         seat.key, seat.kept_until_s, seat.closing = "", 0.0, False
 
@@ -124,14 +124,14 @@ class Seating:
         )
         return f"{seats} taken. Reload this page when somebody has left."
 
-    def _others(self, free: list[Seat]) -> str:
+    def _others(self, free: list[BrowserSeat]) -> str:
         if not free:
             return self._all_taken()
         return f"Free: {', '.join(seat.name for seat in free)}; give one as ?name=, or no name."
 
 
 class Occupant(Protocol):
-    """What a seat has while somebody is in it: the viser server of its page, and the device's side."""
+    """The viser server of a page, and the device's side, while somebody has the seat."""
 
     inner: Inner
 
@@ -148,13 +148,13 @@ class SeatEntrance(Entrance):
     def __init__(
         self,
         seating: Seating,
-        occupy: Callable[[Seat], Occupant],
+        occupy: Callable[[BrowserSeat], Occupant],
         page: Inner,
         elsewhere: Callable[[], Collection[str]] = tuple,
     ) -> None:
         self._seating, self._occupy, self._page, self._elsewhere = seating, occupy, page, elsewhere
-        self._occupants: dict[Seat, asyncio.Task[Occupant]] = {}
-        self._leaving: dict[Seat, asyncio.Task[None]] = {}
+        self._occupants: dict[BrowserSeat, asyncio.Task[Occupant]] = {}
+        self._leaving: dict[BrowserSeat, asyncio.Task[None]] = {}
 
     async def file(self, visit: Visit) -> tuple[Inner, str, str] | Answered:
         name, _, path = visit.path.partition("/")
@@ -192,7 +192,7 @@ class SeatEntrance(Entrance):
             if not seat.pages:
                 self._leaving[seat] = asyncio.create_task(self._leave(seat))
 
-    async def _leave(self, seat: Seat) -> None:
+    async def _leave(self, seat: BrowserSeat) -> None:
         await asyncio.sleep(RELOAD_S)
         self._leaving.pop(seat, None)
         seat.closing = True  # nobody takes it until its device has ended
@@ -215,7 +215,7 @@ class SeatsServer:
     def __init__(
         self,
         seating: Seating,
-        occupy: Callable[[Seat], Occupant],
+        occupy: Callable[[BrowserSeat], Occupant],
         elsewhere: Callable[[], Collection[str]],
         host: str,
         port: int,

@@ -36,7 +36,7 @@ def play(
     page: PageOptions,
     seats: Annotated[
         str | None,
-        typer.Option(metavar="N|NAMES", help="Several hands: 4, or names such as alice,bob; one for each browser."),
+        typer.Option(metavar="N|NAMES", help="One hand a browser: 4, or alice,bob."),
     ] = None,
 ) -> int:
     """Drag the handle into the wall, make the link worse, or choose another coupling and see it shake: `zoh` has no
@@ -49,8 +49,6 @@ def play(
     With -e or -l only the hand runs here. The world is `hapnet world` on another host, which this side dials
     (`hapnet play -e tcp/HOST:17447`) or listens for. Axes and coupling are taken from the world. Ctrl-C ends it as it
     ends `hapnet device`.
-
-    With --seats each browser that opens the page has a hand of its own in one world.
     """
     far = zenoh.leave_this_host
     base = Params().set(NO_LINK, COMMAND) if far else Params()

@@ -24,7 +24,7 @@ from hapnet.ext.page.commands.options import PageOptions
 from hapnet.ext.page.commands.view import show
 from hapnet.ext.page.entrance import Inner
 from hapnet.ext.page.history import History
-from hapnet.ext.page.seating import Seat, Seating, SeatsServer
+from hapnet.ext.page.seating import BrowserSeat, Seating, SeatsServer
 from hapnet.ext.page.viser_page import ViserPage
 from hapnet.loading import extension
 from hapnet.param_sources import COMMAND
@@ -97,7 +97,7 @@ class Occupants:
         self._names, self._words, self._realtime = names, words, realtime
         self._numbers = count(1)
 
-    def occupy(self, seat: Seat) -> Occupied:
+    def occupy(self, seat: BrowserSeat) -> Occupied:
         """Put a device's side into this seat."""
         number = next(self._numbers)
         out = None if self._out is None else self._out / f"{number:02d}-{seat.name}"
