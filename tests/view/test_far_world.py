@@ -191,3 +191,18 @@ def test_a_hand_whose_page_was_killed_while_it_started_ends_too(tmp_path: Path) 
         finally:
             hand.kill()
     assert "hapnet play" in read_json(tmp_path / "summary.json")["device"]["failed"]
+
+
+@pytest.mark.slow
+def test_the_mouse_takes_a_free_seat() -> None:
+    """Of two, in the alphabetical order of their names."""
+    address = free_address()
+    scene = ("--scene", "shared:block?mass=0.2")
+    with ExitStack() as closing:
+        world = closing.enter_context(started("world", "--seats", "bob,alice", *scene, "-l", address, "--no-files"))
+        world.until_line("alice: waiting for the device")
+        for name in ("alice", "bob"):
+            page = ("--no-browser", "--no-files", "--port", 0)
+            play = closing.enter_context(started("play", "--name", "free", "-e", address, *page))
+            world.until_line(f"{name}: paired with the device")
+            assert f"takes the free seat {name}\n" in play.out
