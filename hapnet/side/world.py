@@ -109,7 +109,7 @@ class WorldSide:
             endpoint.start(self._world)
             self.environment = self.scene.environment_account(self.scene.contacts, mass.position)
             self.origin_ns = self.stepped.began_ns = now_ns
-            if (servo := self._servo) is not None:
+            if (servo := self.servo) is not None:
                 servo.released = self._released
             self._scene_writer = self._drawn(now_ns)
             return endpoint.step(now_ns, 0.0, mass.position, mass.kinetic_J, 0.0, 0.0)
@@ -192,16 +192,16 @@ class WorldSide:
         if name == STOP and isinstance(value, str):
             self.endpoint.stand_still()
             self._stands_still, self._released = True, self.releases
-            does = "renders no force" if self.releases and self._servo is not None else "holds its set-position"
+            does = "renders no force" if self.releases and self.servo is not None else "holds its set-position"
             self._write(Event(now_ns, "stopped", f"the robot {does} from now on: {value}"))
         elif name == LEADS and isinstance(value, bool) and not self._stands_still:
             self._released = self.releases and not value
             self.endpoint.lead(value)
-        if (servo := self._servo) is not None:
+        if (servo := self.servo) is not None:
             servo.released = self._released
 
     @property
-    def _servo(self) -> FollowerServo | None:
+    def servo(self) -> FollowerServo | None:
         """The servo of a robot whose force is held; None: there is no such robot."""
         return self._world.servo if self.origin_ns is not None and isinstance(self._world, HeldSteps) else None
 
@@ -212,7 +212,7 @@ class WorldSide:
 
     def held_forces(self) -> dict[str, Any]:
         """The summary's entries about a robot's forces that are held from tick to tick; empty without a robot."""
-        servo = self._servo
+        servo = self.servo
         return {} if servo is None else {"quantisation_J": servo.quantisation, **servo.figures()}
 
     def next_step_ns(self) -> int:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
@@ -11,13 +12,15 @@ from hapnet.side.endpoint import NANO
 from hapnet.simulation.simulation import Simulation
 from tests.many.test_blocks import pressed
 from tests.many.test_carrying import FROM_S, forces, pushed_over, steps_of_force, two_carry
+from tests.many.test_robots import ROBOT, SERVED, robots
 from tests.support.pushed_blocks import pushed
 
 CARRIED = ("delay 0ms", "delay 5ms", "delay 40ms 10ms loss 2%", "delay 100ms 30ms loss 10%")
 
 
 def main(counts: str = "1,2,8", duration_s: float = 8.0, first: int = 0, carry: bool = True) -> None:
-    """Two hands carry 0.2 kg over each of some links; then as many hands as `counts` says push it over mixed links.
+    """Two hands, with a robot each too, carry 0.2 kg over some links; then as many as `counts` says push it over mixed
+    links.
 
     counts: numbers with commas between them. duration_s: of each of the latter runs, in simulated time. first: the
     number of the first hand's link among those of tests/many/test_carrying.py. carry: whether to make the first runs.
@@ -29,11 +32,19 @@ def main(counts: str = "1,2,8", duration_s: float = 8.0, first: int = 0, carry: 
 
 
 def carried() -> None:
-    """Print what two hands feel that carry a block."""
-    ideal = forces(two_carry("delay 0ms", (0.001, 0.001)).run())
-    print(f"two hands carry 0.2 kg, {np.abs(ideal).mean():.2f} N each, beside 0 ms at 1,000 steps a second:")
+    """Print what two hands feel that carry a block: with proxies, and with robots of two kinds."""
+    _felt("two hands carry 0.2 kg", two_carry, two_carry("delay 0ms", (0.001, 0.001)))
+    for name, kind in (("two robots", ROBOT), ("two robots of 0.5 kg with position servos", SERVED)):
+        make = partial(robots, follower=kind)
+        _felt(f"{name} carry 0.2 kg, a hand leads each", make, make("delay 0ms"))
+
+
+def _felt(name: str, make: Callable[[str], GraphSimulation], best: GraphSimulation) -> None:
+    """Print the hands' forces in the runs over each link, beside the `best` run."""
+    ideal = forces(best.run())
+    print(f"{name}, {np.abs(ideal).mean():.2f} N each, beside 0 ms at 1,000 steps a second:")
     for link in CARRIED:
-        result = two_carry(link).run()
+        result = make(link).run()
         error = np.sqrt(np.mean((forces(result) - ideal) ** 2))
         steps = [steps_of_force(result, from_s) for from_s in (0.0, FROM_S)]
         shares = [pair.summary["world"]["modulated_share"] for pair in result.pairs.values()]

@@ -13,7 +13,8 @@ from hapnet.assembly.follower import follower_of
 from hapnet.checks import Array, Vector
 from hapnet.couplings.set_position import servo_of
 from hapnet.errors import InvalidParameter
-from hapnet.ext.robots.follower import LeadersPicture, Mechanics, Robot, RobotContacts
+from hapnet.ext.robots.follower import Mechanics, Robot
+from hapnet.ext.robots.robot_scene import LeadersPicture, RobotContacts
 from hapnet.mechanics.contacts import Step, Surroundings
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.plane import Plane

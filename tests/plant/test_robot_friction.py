@@ -5,8 +5,9 @@ import pytest
 
 from hapnet import Params, simulate
 from hapnet.errors import InvalidParameter
-from hapnet.ext.robots.follower import Mechanics, Robot, RobotContacts
+from hapnet.ext.robots.follower import Mechanics, Robot
 from hapnet.ext.robots.friction import friction_drag
+from hapnet.ext.robots.robot_scene import RobotContacts
 from hapnet.mechanics.frame import Frame
 from hapnet.plant.integrator import PassiveIntegrator
 from hapnet.plant.worlds.walls import Contacts, Wall

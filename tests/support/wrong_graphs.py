@@ -280,8 +280,8 @@ BAD = {
     ),
     "tool": (one_hand("tool:box", 6), ["nodes.table: scene tool:box is '2 edges'", NO_ROOM]),
     "follower": (
-        changed("dof = 3", 'dof = 3\nfollower.robot = "simulated"'),
-        ["nodes.table", "'2 edges'", "if no robot follows"],
+        changed("dof = 3", 'dof = 3\nfollower.robot = "simulated"\nfollower.motion_scale = 2.0'),
+        ["nodes.table: follower.force_scale is 1.0; allowed: 2"],
     ),
     "scene": (changed("mass=0.2&", "mas=0.2&"), ["edges.alice-table: scene block", "'mas'", "did you mean mass?"]),
     "turns": (

@@ -9,11 +9,13 @@ from hapnet.assembly.build import Setup
 from hapnet.checks import Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import WATCH, Edge, Graph, about
-from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.joint import JointSeat, Push, seat_of
 from hapnet.ext.many.models import seats_in_model
 from hapnet.ext.many.reservoirs import Reservoirs, is_heard
 from hapnet.ext.many.shared import Seat
 from hapnet.ext.many.shares import checked, prepared
+from hapnet.ext.robots.follower import Robot
+from hapnet.ext.robots.robot_scene import RobotScene
 from hapnet.param_sources import RULE
 from hapnet.params import Params
 from hapnet.plant.worlds.protocol import World
@@ -53,17 +55,47 @@ def world_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Se
             world = made[0].scene if made else setup.scene
             setup = replace(setup, scene=scenes[number] if scenes else _scene_of(edge, world, len(edges)))
         _give_rights(edge, setup.scene)
+        if len(edges) > 1 and isinstance(setup.scene, RobotScene):
+            _join_robot(edge, setup)
         made.append(setup)
     return made
+
+
+def live_setups(graph: Graph, edges: Sequence[Edge], change: Change) -> list[Setup]:
+    """As `world_setups`, for a world in real time. Raises InvalidParameter: its hands lead robots."""
+    made = world_setups(graph, edges, change)
+    require_live(made)
+    return made
+
+
+def require_live(setups: Sequence[Setup]) -> None:
+    """Raise InvalidParameter: several hands of this world, with these setups, lead robots."""
+    if len(setups) > 1 and setups[0].scene.robot:
+        allowed = "none with several hands in real time: hapnet simulate --graph FILE runs it"
+        raise InvalidParameter("follower.robot", setups[0].params.follower.robot, allowed)
 
 
 def _give_rights(edge: Edge, scene: World) -> None:
     if edge.rights == WATCH:
         if not isinstance(scene, Seat):
             why = "a hand holds its proxy" if isinstance(scene, JointSeat) else "each hand has its walls for itself"
+            why = "its hand leads a robot" if isinstance(scene, RobotScene) else why
             allowed = f"left out in the scene {scene.name}: {why}"
             raise InvalidParameter(f"edges.{edge.name}.rights", edge.rights, allowed)
         scene.may_touch = False
+
+
+def _join_robot(edge: Edge, setup: Setup) -> None:
+    """Let the robot of this edge touch the bodies together with others. Raises InvalidParameter: it cannot."""
+    scene, robot = setup.scene, setup.params.follower
+    if (seat := seat_of(scene)) is None:
+        return
+    assert isinstance(scene, RobotScene), "checked"
+    if robot.motion_scale != robot.force_scale:
+        allowed = f"{robot.motion_scale:g}, as follower.motion_scale, where several robots touch the bodies of a world"
+        name = f"nodes.{edge.world}: follower.force_scale"
+        raise InvalidParameter(name, robot.force_scale, f"{allowed}: one account has their energy")
+    scene.is_joint = seat.has_robot = True
 
 
 def warnings_of(setups: Iterable[Setup]) -> tuple[str, ...]:
@@ -86,8 +118,8 @@ def _scene_of(edge: Edge, world: World, hands: int) -> World:
         raise error.renamed(f"edges.{edge.name}.at: {error.name}") from error
     if scene is None:
         allowed = (
-            "one edge without `at`: walls, shared:block and MuJoCo's models have room for several hands, if no robot "
-            "follows"
+            "one edge without `at`: walls, shared:block, and without robots MuJoCo's models, have room for several "
+            "hands"
         )
         raise InvalidParameter(f"nodes.{edge.world}: scene {world.name}", f"{hands} edges", allowed)
     return scene
@@ -99,12 +131,13 @@ class JointSteps:
     sides : of one world, each with its session. Among walls, without bodies that they share, each hand is alone, and no
     contacts are left to solve. reservoirs : of their seats; one hand alone has its own.
 
-    A hand whose device has left, or has been silent for `world.silence_after_s`, touches nothing until it is back.
+    A hand whose device has left, or has been silent for `world.silence_after_s`, touches nothing until it is back. A
+    robot stays where it is.
     """
 
     def __init__(self, sides: Sequence[tuple[WorldSide, Session]], reservoirs: Reservoirs | None = None) -> None:
         self._sides, self._reservoirs = sides, reservoirs
-        self._seats = [(side, session, side.scene) for side, session in sides if isinstance(side.scene, JointSeat)]
+        self._seats = [(side, session, seat) for side, session in sides if (seat := seat_of(side.scene)) is not None]
         shared = self._seats[0][2].shared if self._seats else None
         self._shared = None if shared is None or len(shared.seats) == 1 else shared
 
@@ -114,11 +147,14 @@ class JointSteps:
             self._reservoirs.begin_step(now_ns, self._sides)
         if self._shared is None:
             return
-        dt, moving = 0.0, dict[JointSeat, Vector]()
+        dt, moving = 0.0, dict[JointSeat, Vector | Push]()
         for side, session, seat in self._seats:
             seat.see(heard := is_heard(session, now_ns))
             if side.origin_ns is not None and not side.paused:
                 dt = (now_ns - side.stepped.began_ns) * NANO
+                if isinstance(side.mass, Robot) and side.servo is not None:
+                    moving[seat] = Push(*side.mass.drive(dt, side.servo.force))
+                    continue
                 seat.is_here = seat.may_touch and heard
                 side.mass.limit_energy(side.coupling.account)
                 moving[seat] = side.coupling.set_position

@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from hapnet.checks import Vector
+from hapnet.ext.robots.robot_scene import RobotScene
 from hapnet.mechanics.contacts import Inverse, Observed, Surroundings
 from hapnet.plant.worlds.account import EnvironmentAccount, settle
 from hapnet.plant.worlds.picture import FREE, HERE, LEFT, SeenHand
-from hapnet.plant.worlds.protocol import WorldDefaults
+from hapnet.plant.worlds.protocol import World, WorldDefaults
 from hapnet.records.vectors import added
+
+
+class Push(NamedTuple):
+    """The causes of a robot's motion in a step besides the bodies: its drag [Ns/m], and the push on it (n,) [N]."""
+
+    drag: float
+    push: Vector
 
 
 class JointWorld(ABC):
@@ -52,11 +61,11 @@ class JointWorld(ABC):
         """The index of each seat's proxy among the poses of the picture for this seat; its own is not used."""
 
     @abstractmethod
-    def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
+    def begin_step(self, dt: float, moved_by: Mapping[JointSeat, Vector | Push]) -> None:
         """Solve a step of `dt` seconds for all hands together; each seat's proxy then moves in its own side's step.
 
-        set_positions : of the seats that take part, ybar (n,) [m]. A hand that is not here (`JointSeat.is_here`) acts
-        on nothing.
+        moved_by : what moves the proxies of the seats that take part, their set-positions ybar (n,) [m]; of a robot
+        `Push`. A hand that is not here (`JointSeat.is_here`) acts on nothing.
         """
 
     def end_step(self) -> None:
@@ -86,9 +95,9 @@ class JointSeat(WorldDefaults):
 
     shared : the world of all hands. number : of the hand. contacts : its surroundings, with this hand's work.
 
-    Attributes: may_touch, whether its hand may act on the bodies, and is_here, whether it does; work, what the bodies
-    have put in at its proxy so far [J]; joint, its account of the whole world (None: it is alone); hand, the name and
-    the state of its hand.
+    Attributes: may_touch, whether its hand may act on the bodies, and is_here, whether it does; has_robot, whether its
+    proxy is a robot, whose motion the world's account then has; work, what the world has put in at its port so far [J];
+    joint, its account of the whole world (None: it is alone); hand, the name and the state of its hand.
     """
 
     shared: JointWorld
@@ -98,6 +107,7 @@ class JointSeat(WorldDefaults):
     def __init__(self, number: int) -> None:
         self.number = number
         self.may_touch = self.is_here = True
+        self.has_robot = False
         self.work = 0.0
         self.joint: _JointAccount | None = None
         self.hand = SeenHand("", FREE, -1)
@@ -119,6 +129,12 @@ class JointSeat(WorldDefaults):
             return EnvironmentAccount(contacts, position)
         self.joint = _JointAccount(self, contacts, position)
         return self.joint
+
+
+def seat_of(world: World) -> JointSeat | None:
+    """The seat that this world is, or in which its robot is; None: its hand is alone there."""
+    inside = world.scene if isinstance(world, RobotScene) else world
+    return inside if isinstance(inside, JointSeat) else None
 
 
 class _All(Surroundings):
@@ -152,6 +168,7 @@ class _JointAccount(EnvironmentAccount):
 
     def __init__(self, seat: JointSeat, contacts: Surroundings, position: Sequence[float]) -> None:
         super().__init__(contacts, position)
+        self.start_J = self.stored_J = seat.shared.stored_J
         self._seat = seat
         self.before_J = added(one.work for one in seat.shared.seats)
 

@@ -26,7 +26,7 @@ from hapnet.ext.engines.mujoco_engine import MujocoEngine
 from hapnet.ext.engines.mujoco_model import Asked, HandProxy, asked
 from hapnet.ext.engines.mujoco_picture import ModelPicture, moving_bodies
 from hapnet.ext.many.graph import Edge
-from hapnet.ext.many.joint import JointSeat, JointWorld
+from hapnet.ext.many.joint import JointSeat, JointWorld, Push
 from hapnet.mechanics.contacts import Inverse, Mass, Observed, Step, Surroundings
 from hapnet.plant.worlds.protocol import World
 from hapnet.plant.worlds.scene import Scene
@@ -58,11 +58,11 @@ class SharedModel(JointWorld):
         moving = moving_bodies(self.engine.proxies[0].found).tolist()
         return [moving.index(proxy.found.body) for proxy in self.engine.proxies]
 
-    def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
+    def begin_step(self, dt: float, moved_by: Mapping[JointSeat, Vector | Push]) -> None:
         aims = {
             seat.number: Aim(ybar, seat.mass.available_J, seat.is_here)
-            for seat, ybar in set_positions.items()
-            if isinstance(seat, ModelSeat)
+            for seat, ybar in moved_by.items()
+            if isinstance(seat, ModelSeat) and not isinstance(ybar, Push)
         }
         self._done = self.mass.joint_step(dt, aims)
 

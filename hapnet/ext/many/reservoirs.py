@@ -36,7 +36,8 @@ from hapnet.control.set_position_coupling import SetPositionCoupling
 from hapnet.couplings import registry
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many import joint
-from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.joint import seat_of
+from hapnet.ext.robots.follower import Robot
 from hapnet.mechanics import spring as springs
 from hapnet.params import Params
 from hapnet.plant.worlds.protocol import World
@@ -85,7 +86,7 @@ class Reservoirs:
         if params.world.reservoir == POOLED and not has_own:
             allowed = f"{SEPARATE} with the coupling {params.coupling}: it has no PSPM at the world"
             raise InvalidParameter("world.reservoir", POOLED, allowed)
-        if params.world.reservoir == POOLED and isinstance(scene, JointSeat) and scene.shared.observed is not None:
+        if params.world.reservoir == POOLED and (seat := seat_of(scene)) and seat.shared.observed is not None:
             allowed = f"{SEPARATE} in the scene {params.scene}: the engine keeps the account of its proxies"
             raise InvalidParameter("world.reservoir", POOLED, allowed)
         return cls(params.world.seat_refill_s, pooled=params.world.reservoir == POOLED)
@@ -166,9 +167,9 @@ def is_heard(session: Session, now_ns: int) -> bool:
 def dissipated_J(side: WorldSide) -> float:
     """The energy that the environment of this side has dissipated, and that no seat has got [J]; shared bodies with all
     hands."""
-    scene, account = side.scene, side.environment
-    if isinstance(scene, JointSeat):
-        return scene.shared.dissipated_J
+    seat, account = seat_of(side.scene), side.environment
+    if seat is not None:
+        return seat.shared.dissipated_J
     if account is None:
         return 0.0
     return joint.dissipated_J(account, side.mass.port_J(side.coupling.ledger.work))
@@ -186,8 +187,10 @@ def _put_in(side: WorldSide, coupling: SetPositionCoupling, energy: float) -> No
     coupling.modulator.energy += energy
     coupling.account = coupling.modulator.account
     coupling.ledger.put_in(energy)
-    if isinstance(side.scene, JointSeat):
-        side.scene.work = side.mass.port_J(coupling.ledger.work)
+    if isinstance(side.mass, Robot):
+        side.mass.done_J += energy
+    if (seat := seat_of(side.scene)) is not None:
+        seat.work = side.mass.port_J(coupling.ledger.work)
 
 
 def _need(side: WorldSide) -> float:

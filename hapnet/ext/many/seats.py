@@ -21,7 +21,7 @@ from hapnet.errors import HapnetError, InvalidParameter
 from hapnet.ext.many.accounts import work_of
 from hapnet.ext.many.bodies import EdgeEnds, SharedBody
 from hapnet.ext.many.graph import RIGHTS, TOUCH
-from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.joint import seat_of
 from hapnet.ext.many.loop import JointLoop, WorldLoop
 from hapnet.ext.many.reservoirs import Reservoirs
 from hapnet.ext.many.shared_bodies import bind
@@ -88,8 +88,8 @@ class NodeSides:
         for number, (name, port) in enumerate(ports.items()):
             made: list[WorldLoop] = []
             setup = port.setup
-            if isinstance(setup.scene, JointSeat):
-                setup.scene.hand = setup.scene.hand._replace(name=name)
+            if (seat := seat_of(setup.scene)) is not None:
+                seat.hand = seat.hand._replace(name=name)
 
             def keep(*parts: Any, made: list[WorldLoop] = made) -> WorldLoop:
                 made.append(loop.for_world(*parts))
@@ -146,7 +146,8 @@ class NodeSides:
     @property
     def environment(self) -> dict[str, float] | None:
         """The account of the shared bodies, with all hands; None: there is one hand, or each is alone among walls."""
-        return self._scene.shared.as_dict() if isinstance(self._scene, JointSeat) else None
+        seat = None if self._scene is None else seat_of(self._scene)
+        return None if seat is None else seat.shared.as_dict()
 
     @property
     def reservoirs(self) -> dict[str, Any] | None:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from hapnet.checks import Array, Vector
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.blocks import Block, Blocks, Free
-from hapnet.ext.many.joint import JointSeat, JointWorld, dissipated_J
+from hapnet.ext.many.joint import JointSeat, JointWorld, Push, dissipated_J
 from hapnet.ext.many.turning import TurningBlocks
 from hapnet.ext.solids.outlines import part_of
 from hapnet.ext.solids.properties import Properties, kind_of
@@ -28,7 +28,7 @@ from hapnet.ext.solids.rigid import parts_in
 from hapnet.ext.solids.shapes import Cuboid
 from hapnet.mechanics.contacts import Inverse, Surroundings
 from hapnet.mechanics.plane import Plane
-from hapnet.plant.integrator import OWN, PassiveIntegrator, drive, factored, solve
+from hapnet.plant.integrator import OWN, PassiveIntegrator, carry_on, drive, factored, solve
 from hapnet.plant.worlds.picture import GREY, Part, Touch, at_rest, shared
 from hapnet.plant.worlds.scene import STEP_MAX_S, STEP_MIN_S, Scene, checked_dof
 from hapnet.plant.worlds.walls import WALL_DAMPING, WALL_STIFFNESS
@@ -58,10 +58,10 @@ class SharedWorld(JointWorld):
         self._answers: dict[int, Vector] = {}
         super().__init__(blocks.n)
 
-    def begin_step(self, dt: float, set_positions: Mapping[JointSeat, Vector]) -> None:
+    def begin_step(self, dt: float, moved_by: Mapping[JointSeat, Vector | Push]) -> None:
         free: dict[int, Free] = {}
         self._answers = {}
-        for seat, ybar in set_positions.items():
+        for seat, cause in moved_by.items():
             if not isinstance(seat, Seat):
                 continue
             if not seat.is_here:
@@ -69,8 +69,13 @@ class SharedWorld(JointWorld):
                 self._answers[seat.number] = (0.0,) * seat.dof
                 continue
             mass = seat.mass
-            factored(mass, dt, OWN)
-            drive(mass, dt, ybar)
+            if isinstance(cause, Push):
+                factored(mass, dt, cause.drag)
+                carry_on(mass, dt)
+                mass.c[:] = [carried + push for carried, push in zip(mass.c, cause.push, strict=True)]
+            else:
+                factored(mass, dt, OWN)
+                drive(mass, dt, cause)
             solve(mass, mass.c, mass.vhat)
             resistance = tuple([1.0 / pivot for pivot in mass.inverse_pivots])
             free[seat.number] = Free(seat.in_world(mass.x), tuple(mass.vhat), resistance)
@@ -93,7 +98,12 @@ class SharedWorld(JointWorld):
 
     @property
     def stored_J(self) -> float:
-        """The energy in all motion and all springs."""
+        robots = [seat.mass.kinetic_J for seat in self.seats if isinstance(seat, Seat) and seat.has_robot]
+        return self.blocks_J + added(robots)
+
+    @property
+    def blocks_J(self) -> float:
+        """The energy in the motion of all blocks, and in all springs."""
         seats = [seat for seat in self.seats if isinstance(seat, Seat)]
         return self.blocks.stored_J({seat.number: seat.in_world(seat.mass.x) for seat in seats})
 
@@ -177,7 +187,7 @@ class _Around(Surroundings):
         return force, [v + more for v, more in zip(velocity, inverse(force), strict=True)]
 
     def stored_J(self, position: Sequence[float]) -> float:
-        return self._seat.shared.stored_J
+        return self._seat.shared.blocks_J
 
     def require_outside(self, position: Sequence[float]) -> None:
         if self.clearance(position) < 0.0:

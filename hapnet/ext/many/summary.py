@@ -17,7 +17,7 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from hapnet.ext.many.accounts import beyond, node_account, work_of
-from hapnet.ext.many.joint import JointSeat
+from hapnet.ext.many.joint import seat_of
 from hapnet.simulation.result import Result
 from hapnet.summary.structure import Summary
 
@@ -59,8 +59,7 @@ def _node(run: GraphSimulation, name: str, edges: Mapping[str, Summary]) -> dict
     if leads and name in run.bodies:
         node |= work_of(run.bodies[name], [pair.device for pair in leads])
     if len(pairs) > 1:
-        seat = pairs[0].world.scene
-        if isinstance(seat, JointSeat):
+        if (seat := seat_of(pairs[0].world.scene)) is not None:
             node["environment"] = seat.shared.as_dict()
         node["reservoirs"] = run.reservoirs(name)
     return node

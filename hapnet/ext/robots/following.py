@@ -25,7 +25,8 @@ from hapnet.devices.registry import known
 from hapnet.errors import DeviceSilent, InvalidParameter
 from hapnet.ext.engines.engine_world import EngineMass, EngineWorld
 from hapnet.ext.robots import following_positions
-from hapnet.ext.robots.follower import Mechanics, Robot, RobotScene
+from hapnet.ext.robots.follower import Mechanics, Robot
+from hapnet.ext.robots.robot_scene import RobotScene
 from hapnet.mechanics.contacts import Mass
 from hapnet.mechanics.frame import Frame
 from hapnet.mechanics.pose_frame import Arms, PoseFrame
@@ -198,7 +199,7 @@ def place(params: Params, spec: CouplingSpec[Any], scene: World) -> World:
         return following_positions.place(params, scene)
     robot, held = params.follower, ROBOT.is_held(params, spec)
 
-    def made(damping: ArrayLike, stiffness: ArrayLike) -> Robot:
+    def made(scene: World, damping: ArrayLike, stiffness: ArrayLike) -> Robot:
         # a robot that turns a tool has its mass along all coordinates, as a handle has: its damping is held for a tick
         turns = scene.units == POSE and not isinstance(scene, EngineWorld)
         body: Mass | None = scene.proxy((robot.mass,) * scene.dof if turns else robot.mass, damping, stiffness)

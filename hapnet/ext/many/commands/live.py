@@ -17,7 +17,7 @@ from hapnet.commands.options import SideFlags, ZenohOptions
 from hapnet.commands.side import PARENT, catch, exit_code, held_back, main, outlive, zenoh_settings
 from hapnet.errors import InvalidParameter
 from hapnet.ext.many.graph import DEVICE, FOLLOWER, WORLD, Graph, Node, graph_of, read_graph
-from hapnet.ext.many.hands import Change, graph_setups, warnings_of, world_setups
+from hapnet.ext.many.hands import Change, graph_setups, live_setups, warnings_of, world_setups
 from hapnet.ext.many.seats import NodePort, NodeSides, Outputs, seat_names
 from hapnet.ext.many.shared_bodies import body_of
 from hapnet.ext.many.shares import has_one_side
@@ -95,7 +95,7 @@ def _ports(graph: Graph, node: Node, change: Change) -> tuple[dict[str, NodePort
     """The ports of a node, its body (None: it has none), and the period of its servo [ns] (None: it is a world)."""
     led, leads = graph.led_to(node.name), graph.led_by(node.name)
     if node.kind == WORLD:
-        seats = zip(led, world_setups(graph, led, change), strict=True)
+        seats = zip(led, live_setups(graph, led, change), strict=True)
         return {graph.port_of(edge): NodePort(setup, "world") for edge, setup in seats}, None, None
     of_all = graph_setups(graph, change)
     ports = {graph.port_of(edge): NodePort(of_all[edge.name], "world") for edge in led}

@@ -19,7 +19,7 @@ from hapnet.commands.progress import Progress
 from hapnet.commands.side import PARENT, catch, exit_code, held_back
 from hapnet.ext.many.accounts import node_account
 from hapnet.ext.many.graph import DEVICE, WORLD, Edge, Graph, Node, read_graph
-from hapnet.ext.many.hands import Change, warnings_of
+from hapnet.ext.many.hands import Change, require_live, warnings_of
 from hapnet.ext.many.shared_bodies import checked_setups
 from hapnet.ext.many.shares import has_one_side
 from hapnet.ext.many.summary import environment_line, graph_verdict, pairs_table, show_verdict
@@ -48,6 +48,8 @@ def run(
     """Run a graph on this machine. change : changes each pair's parameters by the flags of the command."""
     graph = read_graph(file)
     setups = checked_setups(graph, change)
+    for node in graph.nodes:
+        require_live([setups[edge.name] for edge in graph.led_to(node)])
     words = output.console(json_to)
     output.show_warnings(words, warnings_of(setups.values()))
     directory = output.run_directory(out, seed) if files else None
