@@ -1,12 +1,14 @@
 """A device that lies in a world with three hands: two hold a block, and the third is not what it says."""
 
+from math import pi, sin
 from typing import Any
 
 import numpy as np
 
 from hapnet.ext.many.graph import graph_of
 from hapnet.ext.many.run import GraphResult, GraphSimulation
-from tests.support.carrying_hands import Carrier
+from hapnet.plant.operator import Impedance
+from tests.support.carrying_hands import Carrier, smooth
 
 STARTS_AT_TICK = 400
 FAR_M = 0.5
@@ -19,22 +21,45 @@ class Waiting(Carrier):
         return (0.0, 0.0, 0.0)
 
 
-def run(kind: str, duration_s: float = 5.0, **top: object) -> tuple[GraphResult, float]:
+class Strong(Carrier):
+    """Drives through the block from 2 s on: to and fro, twice a second, or slowly once."""
+
+    def __init__(self, axis: int, *, rams: bool) -> None:
+        super().__init__(axis, 1.0)
+        self.impedance = Impedance(0.554, 40.0, 2000.0)
+        self._rams = rams
+
+    def reference(self, t: float) -> tuple[float, ...]:
+        t = max(0.0, t - 2.0)
+        way = 0.3 * (abs(sin(2.0 * pi * t)) if self._rams else smooth(t))
+        return tuple([-way if axis == self.axis else 0.0 for axis in range(3)])
+
+
+STRONG = {
+    "rammer": Strong(0, rams=True), "presser": Strong(0, rams=False), "rammer across": Strong(1, rams=True),
+    "presser across": Strong(1, rams=False),
+}  # fmt: skip
+"""Hands that are honest: against another one's, or across both."""
+
+
+def run(kind: str, duration_s: float = 5.0, speed: float = 1.0, **top: object) -> tuple[GraphResult, float]:
     """The run, and the block's largest speed [m/s].
 
     kind : "honest"; "liar", which sends places all over; "forger", which pulls to one side and says that it has sent
-        5 W; "shaker", which does so and pulls to and fro.
+        5 W; "shaker", which does so and pulls to and fro; or one of `STRONG`.
+    speed : that the third device declares [m/s].
     """
-    hands = {"left": Carrier(0, -1.0), "right": Carrier(0, 1.0), "third": Waiting(1, 1.0)}
+    hands = {"left": Carrier(0, -1.0), "right": Carrier(0, 1.0), "third": STRONG.get(kind, Waiting(1, 1.0))}
     world = {"kind": "world", "scene": "shared:block?at=0,0,0", "world": {"step_min_s": 0.01, "step_max_s": 0.05}}
     nodes: dict[str, Any] = {name: {"kind": "device", "operator": "rest"} for name in hands}
+    nodes["third"]["device"] = {"greatest_speed": speed}
     edges = [
         {"from": name, "to": "table", "link": "delay 40ms 10ms loss 2%", "at": hand.at} for name, hand in hands.items()
     ]
     table = {"duration_s": duration_s, "nodes": {**nodes, "table": world}, "edges": edges, **top}
     simulation = GraphSimulation(graph_of(table), 1, hands=hands)
     pair = simulation.pairs["third-table"]
-    if kind != "honest":
+    if kind != "honest" and kind not in STRONG:
         _lies(pair, kind)
     blocks, speeds = pair.setup.scene.shared.blocks, [0.0]
     solve = blocks.solve
