@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, cast
 
+from hapnet.summary.former import restarted, vanished
 from hapnet.summary.structure import SIDES, SidePart, Summary
 from hapnet.wire.messages import Role
 
@@ -75,7 +76,10 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
         None, 0, "this coupling is passive only at both ports together, and no clock covers both"
     ),
     "no fit": Cause(None, 0, "the accounts of the two sides do not match"),
-    "restart": Cause(None, 0, "the {side} was restarted: the account of its earlier process is not known"),
+    "restart": Cause(None, 0, "the account of an earlier {side} is not known"),
+    "former": Cause(
+        None, INCOMPLETE, "the rest of the account of an earlier {side} is missing since its last report"
+    ),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
     "contradiction": Cause(
         None, CONTRADICTED, "another sender used the {side}'s name: {messages}"
@@ -121,6 +125,12 @@ _CONTRADICTIONS = {
     "keys": "more than one key was offered",
     "seals": "{} messages were not sealed with the key of the pair",
 }
+
+
+def former(side: Role, part: SidePart) -> Iterator[Finding]:
+    """Yield that an earlier peer of this side vanished, and has told only a part of its account."""
+    if vanished(part) and not restarted(part):
+        yield found("former", side=SIDES[1 - SIDES.index(side)])
 
 
 def contradictions(side: Role, part: SidePart) -> Iterator[Finding]:

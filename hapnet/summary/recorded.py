@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hapnet.couplings.registry import jointly_passive
 from hapnet.errors import RecordingError
 from hapnet.recording.samples import Columns, Recording, join
+from hapnet.summary.former import FormerPart
 from hapnet.summary.from_samples import START_S
 from hapnet.summary.run import combine, has_account, judged, merge, recorded_margins, unknown_device
 from hapnet.summary.structure import (
@@ -115,6 +116,7 @@ def _side_columns(columns: Columns, coupling_name: str) -> SidePart:
         "abandoned_nJ": None,
         "incarnations": None,
         "peers_J": None,
+        "former": unknown(FormerPart),
         "outages": unknown(OutagesSummary),
         "received": None,
         "missing": None,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
+from hapnet.summary.former import several
 from hapnet.summary.path import DIRECTIONS, ROUND_TRIP
 from hapnet.summary.run import judged, merge
 from hapnet.summary.structure import SIDES, SidePart, Summary, known, read
@@ -20,6 +21,7 @@ _PART = (
     "ledger.margin_later_J", "ledger.diverged",
     "deficit_max_J", "quantisation_J", "true_slack_J", "force", "hand_work_J",
     "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
+    "former.count", "former.whole", "former.margin_J", "former.slack_J", "former.sent_nJ", "former.credited_nJ",
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
     "servo.overruns", "servo.longest_ms", "servo.without_force_s", "servo.withheld_s", "servo.ticks", "servo.skipped",
     "stopped.after_s", "stopped.why", "stopped.asked",
@@ -111,10 +113,12 @@ def present(device: Half, world: Half, margins: Mapping[str, float | None]) -> S
 def _bring_up(part: SidePart, mine: SidePart) -> None:
     """Update the counts of a running peer with the newer ones of the other side since its report."""
     sent, credited, acked = part["sent_nJ"], part["credited_nJ"], mine["acked_nJ"]
-    if sent is not None and mine["credited_nJ"] is not None and sent < mine["credited_nJ"]:
+    former = mine["former"] if several(mine) and "former" in mine else None
+    sent_before, credited_before = (0, 0) if former is None else (former["sent_nJ"] or 0, former["credited_nJ"] or 0)
+    if sent is not None and mine["credited_nJ"] is not None and sent_before + sent < mine["credited_nJ"]:
         part["sent_nJ"] = None
     if credited is not None and acked is not None:
-        part["credited_nJ"] = max(credited, acked)
+        part["credited_nJ"] = max(credited, acked - credited_before)
 
 
 def _read(values: Mapping[str, Signal], role: Role) -> Summary:

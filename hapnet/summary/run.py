@@ -14,6 +14,7 @@ from hapnet.side.device import DeviceSide
 from hapnet.side.endpoint import NANO, ControlHalf
 from hapnet.side.world import WorldSide
 from hapnet.summary import path as paths
+from hapnet.summary.former import former_part, restarted, several, vanished, with_former, with_former_margins
 from hapnet.summary.from_samples import START_S, credited_early, last_total_margin, min_total_margin, two_port_margin
 from hapnet.summary.structure import (
     Contradictions,
@@ -36,7 +37,7 @@ from hapnet.summary.structure import (
     known,
     unknown,
 )
-from hapnet.summary.verdict import ROUNDING_J, excess_nJ, has_reservoirs, judge, restarted
+from hapnet.summary.verdict import ROUNDING_J, excess_nJ, has_reservoirs, judge
 from hapnet.units import METRES
 from hapnet.wire import sums
 from hapnet.wire.session import Session
@@ -136,6 +137,7 @@ def with_wire(control: SidePart, session: Session, now_ns: int) -> SidePart:
         "abandoned_nJ": session.abandoned_nJ,
         "incarnations": session.incarnations,
         "peers_J": session.peers_J,
+        "former": former_part(session.accounts.former),
         "outages": {
             "count": outages.count,
             "longest_s": outages.max_ns * NANO,
@@ -197,20 +199,23 @@ def combine(
     the samples' rate, with the start, where it is d^2; `total_end_J` is that sum at the end, `total_later_J` its
     minimum from `START_S` on. Without them these values are None.
 
-    The bound d^2 sums the initial energies of all processes that took part; each that ended reported its own.
+    d^2 sums the initial energies of all processes that took part, and the margin their margins (`FormerPart`).
     """
     sides = [side for side in (device, world) if side is not None]
     margins = [side["ledger"]["margin_J"] for side in sides]
     bound = _bound(device, world)
     energy: EnergySummary = {"up": _flow(device, world, early_J[0]), "down": _flow(world, device, early_J[1])}
     flows = energy["up"], energy["down"]
-    again = restarted(device, world)
+    again = restarted(device, world) or (several(device, world) and jointly_passive(coupling))
+    beyond = any(map(excess_nJ, flows)) and not vanished(device, world)
     margin = end = later = None
     if bound is not None and two_port_J is not None:
         margin = bound + two_port_J
         end, later = (None if at is None else bound + at for at in (two_port_end_J, two_port_later_J))
-    elif len(sides) == 2 and None not in margins and not again and not any(map(excess_nJ, flows)):
+    elif len(sides) == 2 and None not in margins and not again and not beyond:
         margin, end, later = (_sum(sides, name) for name in ("margin_J", "margin_end_J", "margin_later_J"))
+        if several(device, world):
+            margin, end, later = with_former_margins(margin, sides), None, None
         if jointly_passive(coupling):
             candidates = [value for value in (total_margin_J, bound) if value is not None]
             margin = None if total_margin_J is None else min(candidates)
@@ -389,12 +394,12 @@ def _flow(sender: SidePart | None, receiver: SidePart | None, early_J: float | N
 
     A sender that ends abandons the energy that is not acknowledged. The receiver counts how much of it was credited.
     """
-    credited = None if receiver is None else receiver["credited_nJ"]
+    credited = None if receiver is None else with_former(receiver["credited_nJ"], sender, "credited_nJ")
     if sender is None:
         return {**unknown(Flow), "credited_nJ": credited, "early_J": early_J}
-    sent, abandoned = sender["sent_nJ"], sender["abandoned_nJ"]
+    sent, abandoned = with_former(sender["sent_nJ"], receiver, "sent_nJ"), sender["abandoned_nJ"]
     in_flight = sender["in_flight_nJ"]
-    if sent is not None and credited is not None and abandoned is not None and not restarted(sender, receiver):
+    if sent is not None and credited is not None and abandoned is not None and not several(sender, receiver):
         abandoned = min(abandoned, sent - credited)
         in_flight = sent - credited - abandoned
     return {

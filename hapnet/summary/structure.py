@@ -24,6 +24,7 @@ from typing import (
     is_typeddict,
 )
 
+from hapnet.summary.former import FormerPart
 from hapnet.summary.from_samples import MotionFigures as MotionFigures
 from hapnet.wire.messages import Role
 
@@ -236,6 +237,7 @@ class SidePart(DevicePart, total=False):
     abandoned_nJ: Count
     incarnations: Count
     peers_J: Number
+    former: FormerPart
     outages: OutagesSummary
     received: Count
     missing: Count

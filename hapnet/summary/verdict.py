@@ -26,6 +26,7 @@ from hapnet.couplings.spec import CouplingSpec
 from hapnet.params import Params
 from hapnet.summary import causes
 from hapnet.summary.causes import CONTRADICTED, INCOMPLETE, Finding, found
+from hapnet.summary.former import restarted, several, vanished
 from hapnet.summary.servos import (
     DEFICIT_J as DEFICIT_J,
     WHOSE as _WHOSE,
@@ -160,11 +161,6 @@ def _was_asked(summary: Summary) -> bool:
     return {stop["asked"] for _, part in _parts(summary) if (stop := part["stopped"]) is not None} == {True}
 
 
-def restarted(*sides: SidePart | None) -> bool:
-    """Whether one of these sides has had more than one peer."""
-    return any((side.get("incarnations") or 0) > 1 for side in sides if side is not None)
-
-
 def has_reservoirs(coupling: object) -> bool:
     """Whether a coupling shuffles energy between reservoirs, so that each side must keep its half of Theorem 1.
 
@@ -195,10 +191,6 @@ def _torn(summary: Summary) -> list[Role]:
     return [side for side in SIDES if side in summary["torn"]]
 
 
-def _restarted(summary: Summary) -> bool:
-    return restarted(summary["device"], summary["world"])
-
-
 def _against(summary: Summary) -> Iterator[Finding]:
     """Yield the reasons why the run was not passive."""
     margin, bound = summary["theorem"]["margin_J"], summary["theorem"]["bound_J"]
@@ -225,7 +217,7 @@ def _against(summary: Summary) -> Iterator[Finding]:
         report = summary["peer_report"]
         if report is not None and report["side"] == sender and not report["final"]:
             continue  # it may have sent more since
-        if beyond and sender not in torn and (certain or not _restarted(summary)):
+        if beyond and sender not in torn and (certain or not vanished(summary["device"], summary["world"])):
             yield found("never sent", side=receiver, energy=_milli(beyond * 1e-9), other=sender)
 
 
@@ -237,6 +229,8 @@ def _halves(summary: Summary) -> Iterator[Finding]:
             yield found("slack", side=side, energy=_milli(-slack))
         elif true is not None and true < -ROUNDING_J - blur:
             yield found("true positions", side=side, energy=_milli(-true))
+        if (before := part["former"]["slack_J"]) is not None and before < -ROUNDING_J:
+            yield found("slack", side=SIDES[1 - SIDES.index(side)], energy=_milli(-before))
 
 
 def _true_ports(summary: Summary, bound: float | None) -> Iterator[Finding]:
@@ -244,7 +238,7 @@ def _true_ports(summary: Summary, bound: float | None) -> Iterator[Finding]:
     hand, by_world = summary["hand"], summary["environment"]["work_J"]
     minimum, by_hand = hand["margin_J"], hand["work_J"]
     if minimum is None and bound is not None and by_hand is not None and by_world is not None:
-        minimum = None if _restarted(summary) else bound + by_hand + by_world
+        minimum = None if several(summary["device"], summary["world"]) else bound + by_hand + by_world
     if minimum is not None and minimum < -ROUNDING_J:
         yield found("hand", margin=_milli(minimum))
 
@@ -309,10 +303,11 @@ def _doubts(summary: Summary) -> Iterator[Finding]:
         yield from _missing(summary, [side for side in SIDES if _half(summary, side) is not None])
     for direction, sender, receiver in _FLOWS:
         early = summary["energy"][direction]["early_J"]
-        if early is not None and early > ROUNDING_J and not _restarted(summary):
+        if early is not None and early > ROUNDING_J and not several(summary["device"], summary["world"]):
             yield found("early", side=receiver, energy=_milli(early), other=sender)
     for side, part in _parts(summary):
         deficit, silent_s = part["deficit_max_J"], part["unanswered_s"]
+        yield from causes.former(side, part)
         yield from causes.contradictions(side, part)
         if deficit is not None and deficit > DEFICIT_J + (_leak(summary, side) if _known_port(part) else 0.0):
             yield found("deficit", side=side, energy=_milli(deficit))
@@ -379,7 +374,7 @@ def _missing(summary: Summary, accounts: list[Role]) -> Iterator[Finding]:
         yield found("no reading", side="device", name=driver["name"])
     elif not accounts:
         yield found("accounts")
-    elif _restarted(summary):
+    elif restarted(summary["device"], summary["world"]):
         yield from (
             found("restart", side=SIDES[1 - SIDES.index(side)]) for side, part in _parts(summary) if restarted(part)
         )

@@ -15,6 +15,8 @@ from hapnet.wire.fields import Signal
 from hapnet.wire.messages import Account
 
 REPEAT_NS = 100_000_000
+KEPT = ("ledger.margin_J", "ledger.slack_J", "sent_nJ", "credited_nJ")
+"""The values that stay of the last account of an earlier peer."""
 
 
 class Heard(NamedTuple):
@@ -34,11 +36,13 @@ class AccountExchange:
     ----------
     heard : the newest account of the peer, or of the last peer if there is none now; None: none came.
     owes : the peer has requested an account, and none was sent since.
+    former : the last account of each earlier peer that reported one, with the values in `KEPT`.
     """
 
     def __init__(self) -> None:
         self.heard: Heard | None = None
         self.owes: bool = False
+        self.former: list[Heard] = []
         self._values: dict[str, Signal] = {}
         self._number = self._answered = self._first_final = self._newest = self._reported_heard = 0
         self._final = False
@@ -107,4 +111,7 @@ class AccountExchange:
         stays."""
         self.owes, self._due_ns, self._answered = False, None, 0
         if paired:
+            if (heard := self.heard) is not None:
+                kept = {name: heard.values[name] for name in KEPT if name in heard.values}
+                self.former.append(heard._replace(values=kept))
             self.heard, self._newest, self._reported_heard = None, 0, 0

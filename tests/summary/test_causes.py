@@ -66,7 +66,11 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "no fit": (NO_MARGIN, "the accounts of the two sides do not match"),
     "restart": (
         {**NO_MARGIN, "world.incarnations": 2},
-        "the device was restarted: the account of its earlier process is not known",
+        "the account of an earlier device is not known",
+    ),
+    "former": (
+        {"world.incarnations": 2, "world.former": {"count": 1, "whole": 0, "margin_J": 0.0}},
+        "the rest of the account of an earlier device is missing since its last report",
     ),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
     "contradiction": (

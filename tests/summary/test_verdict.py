@@ -93,7 +93,7 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "other side": ({"world": None, "theorem": {"margin_J": None, "bound_J": None}}, "the world's account is missing"),
     "servo's word": ({"device.ledger": {}, "theorem.margin_J": None}, "the device's account is missing"),
     "no account": ({"device": None, "world": None, "theorem.margin_J": None}, "there is no energy account"),
-    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the device was restarted"),
+    "restart": ({"world.incarnations": 2, "theorem.margin_J": None}, "the account of an earlier device"),
     "torn": ({"torn": ["device"]}, "the device's recording is incomplete"),
     "no fit": ({"theorem.margin_J": None}, "the accounts of the two sides do not match"),
     "early": ({"energy.down": FLOW | {"early_J": 0.002}}, "the device credited 2 mJ before the world sent it"),
