@@ -35,8 +35,7 @@ ITSELF, ASKING, CHOSEN = range(3)
 class SampledServo(Record):
     """PSPM and force of a device with a torque that is held from tick to tick; its ledger is at the actuator's port.
 
-    More than twenty attributes: the cost of a force under zero-order hold depends on the limits, on the path since the
-    last tick and on the account, and each tick changes all of them.
+    More than twenty attributes: limits, account and the path since the last tick decide what a held force costs.
 
     Parameters
     ----------
@@ -63,10 +62,9 @@ class SampledServo(Record):
     longest : the longest time for which a force may be held [s]; later ticks are late. speed : the device's maximum
         speed, as declared [m/s]; below 0: it is unknown, and overruns are not counted.
     overrun_leak : energy that held torques output beyond the account while the servo was later than allowed [J].
-    overrun_risk : the most energy that the device may have output beyond the account and taken back in between [J]; 0
-        if its path is known, see `SampledServo.follow`.
-    follows, followed, before_J, least_J : whether a late tick's path is followed, for how long so far [s], and P at its
-        beginning and its smallest value since [J].
+    overrun_risk : the most energy that the device may have output beyond the account and taken back in between [J].
+    follows, followed, before_J, least_J : whether a late tick's path is followed (then it has no risk), for how long so
+        far [s], and P at its beginning and its smallest value since [J].
     wanted, pull, caused : temporary memory for forces.
     """
 
@@ -172,8 +170,7 @@ class SampledServo(Record):
             return 0.0
         path = self.torque_path + added([abs(one - other) for one, other in zip(self.held, self.before, strict=True)])
         boundary = max(self.boundary, unsprung(self, self.coupling))
-        blurred: float = r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound()
-        return blurred
+        return float(r / 2.0 * (path + boundary) + r * r / 8.0 * self.coupling.spring.curvature_bound())
 
     @property
     def parts(self) -> ForceParts:
@@ -228,20 +225,17 @@ class SampledServo(Record):
         return 0 if self.coupling.has_sample else ticks_before(self.due, self.elapsed, dt)
 
     def follow(self, dt: float, x: Vector) -> None:
-        """Account for further `dt` seconds in which a late servo held the force and the device moved to x [m].
-
-        For a device whose path is known. The `dt` of the next `tick` is nevertheless the time since the last tick.
-        """
+        """Account for further `dt` seconds in which a late servo held the force and the device moved to x [m]; for a
+        device whose path is known. The `dt` of the next `tick` is nevertheless the time since the last tick."""
         follow(self, self.coupling, dt, x)
 
     def expect(self, dt: float) -> None:
-        """At a tick `dt` seconds after the last: limit the force so that the account can pay for another overrun like
-        those before."""
+        """Limit the force, `dt` seconds after the last tick: the account must pay for another overrun like the last."""
         if dt <= self.longest and self._hold_time.expected <= self.longest:
             return
         self._hold_time.tick(dt, min(dt, self.force_ends_s))
-        late = self.holding is not None and self._hold_time.expected > self.longest
-        self.guard.cover(self.holding.far_in(self._hold_time.expected) if late and self.holding is not None else 0.0)
+        late, holding = self._hold_time.expected > self.longest, self.holding
+        self.guard.cover(holding.far_in(self._hold_time.expected) if late and holding is not None else 0.0)
 
     def stop(self) -> None:
         """Render no force from now until the next tick. The energy account stays correct."""
@@ -271,9 +265,7 @@ def move(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
 def follow(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals) -> None:
     """Account for further `dt` seconds of a late tick: `SampledServo.follow`."""
     if not servo.follows:
-        servo.follows, servo.followed = 1, 0.0
-        servo.before_J = stored(servo, coupling)
-        servo.least_J = math.inf
+        servo.follows, servo.followed, servo.before_J, servo.least_J = 1, 0.0, stored(servo, coupling), math.inf
     move(servo, coupling, dt, x)
     servo.followed += dt
     servo.least_J = min(servo.least_J, stored(servo, coupling))

@@ -301,8 +301,7 @@ def hold(device: SimulatedDevice, force: Reals) -> None:
         for i in range(device.dof):
             torque[i] = force[i] * device.limit / size
     else:
-        for i in range(device.dof):
-            torque[i] = force[i]
+        copy(device.dof, force, torque)
 
 
 @compiled_as(hold)

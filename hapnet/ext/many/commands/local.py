@@ -48,8 +48,8 @@ def run(
     """Run a graph on this machine. change : changes each pair's parameters by the flags of the command."""
     graph = read_graph(file)
     setups = checked_setups(graph, change)
-    for node in graph.nodes:
-        require_live([setups[edge.name] for edge in graph.led_to(node)])
+    for world in graph.nodes:
+        require_live([setups[edge.name] for edge in graph.led_to(world)])
     words = output.console(json_to)
     output.show_warnings(words, warnings_of(setups.values()))
     directory = output.run_directory(out, seed) if files else None
