@@ -33,7 +33,9 @@ def former_part(accounts: Sequence[Heard]) -> FormerPart:
     """The part of a summary with these accounts."""
 
     def values(name: str) -> list[float]:
-        return [v for one in accounts if type(v := one.values.get(name)) in (int, float) and math.isfinite(v)]  # type: ignore[arg-type, misc]
+        found = [one.values.get(name) for one in accounts]
+        numbers = [value for value in found if isinstance(value, int | float) and not isinstance(value, bool)]
+        return [number for number in numbers if math.isfinite(number)]
 
     def total(name: str) -> float | None:
         found = values(name)
