@@ -21,7 +21,6 @@ _PART = (
     "ledger.margin_later_J", "ledger.diverged",
     "deficit_max_J", "quantisation_J", "true_slack_J", "force", "hand_work_J",
     "sent_nJ", "credited_nJ", "acked_nJ", "in_flight_nJ", "abandoned_nJ", "unanswered_s", "incarnations", "peers_J",
-    "former.count", "former.whole", "former.margin_J", "former.slack_J", "former.sent_nJ", "former.credited_nJ",
     "overrun_leak_J", "overrun_risk_J", "speed_max_mps", "speed_limit_mps",
     "servo.overruns", "servo.longest_ms", "servo.without_force_s", "servo.withheld_s", "servo.ticks", "servo.skipped",
     "stopped.after_s", "stopped.why", "stopped.asked",
@@ -32,6 +31,11 @@ _PART = (
     "environment.env_overlaps",
 )  # fmt: skip
 """Names from the side's own part of the summary."""
+
+_FORMER = (
+    "former.count", "former.whole", "former.margin_J", "former.slack_J", "former.sent_nJ", "former.credited_nJ",
+)  # fmt: skip
+"""The same of a side that had earlier peers."""
 
 _MOTION: dict[Role, tuple[str, ...]] = {
     "device": ("peak_force_N", "peak_torque_Nm"),
@@ -68,7 +72,9 @@ class Half(Protocol):
 
 def values_of(own: Summary, role: Role) -> dict[str, Signal]:
     """Return the values that a side reports, from its own summary. Unknown values are left out."""
-    found: dict[str, Any] = {name: _at(own[role], name) for name in _PART}
+    part = own[role]
+    names = _PART + _FORMER if part is not None and several(part) else _PART
+    found: dict[str, Any] = {name: _at(part, name) for name in names}
     found |= {f"motion.{name}": _at(own["motion"], name) for name in _MOTION[role]}
     found |= {f"path.{name}": _at(own["path"][DIRECTIONS[role]], name) for name in _PATH}
     found |= {f"path.{name}": _at(own["path"], name) for name in ROUND_TRIP}
@@ -124,7 +130,7 @@ def _bring_up(part: SidePart, mine: SidePart) -> None:
 def _read(values: Mapping[str, Signal], role: Role) -> Summary:
     """The summary with these values of a side; other values, and values of a wrong type, are None."""
     part: dict[str, Any] = {"stopped": {}}
-    for name in _PART:
+    for name in _PART + _FORMER:
         *nested, last = name.split(".")
         inside = part.setdefault(nested[0], {}) if nested else part
         inside[last] = values.get(name)

@@ -10,12 +10,14 @@ from msgspec import structs
 from hapnet.recording.samples import DeviceSample, WorldSample
 from hapnet.simulation.result import Result
 from hapnet.simulation.simulation import simulate
+from hapnet.summary.former import former_part
 from hapnet.summary.from_samples import LiveFigures, motion
 from hapnet.summary.recorded import of_parts
 from hapnet.summary.reported import Claim, joined, values_of
 from hapnet.summary.run import combine, merge
 from hapnet.summary.structure import SIDES, Summary
 from hapnet.summary.verdict import judge
+from hapnet.wire.account import Heard
 from hapnet.wire.fields import Signal
 from hapnet.wire.messages import MAX_FRAME_BYTES, Account, Role, decode, encode
 from hapnet.wire.session import Session
@@ -141,6 +143,20 @@ def claimed(result: Result, role: Role, *, final: bool = True, whole: bool = Tru
     message = decode(data)
     assert isinstance(message, Account)
     return Claim(message.values, 2.5, final, whole)
+
+
+@pytest.mark.parametrize("role", SIDES)
+def test_only_a_side_that_had_several_peers_reports_the_accounts_of_earlier_ones(role: Role, result: Result) -> None:
+    summary = own(result, role)
+    part = summary[role]
+    assert part is not None
+    for peers in (1, 2):
+        part["incarnations"] = peers
+        part["former"] = former_part([Heard(1, {"ledger.margin_J": 0.01, "sent_nJ": 7}, True, 0, 0)])
+        values = values_of(summary, role)
+        assert (values.get("former.sent_nJ"), values.get("former.margin_J")) == (
+            (7, 0.01) if peers > 1 else (None, None)
+        )
 
 
 @pytest.mark.parametrize("role", SIDES)
