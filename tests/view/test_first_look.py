@@ -37,7 +37,7 @@ SETTLED_MS = 400  # a browser sends its camera 20 times a second
 def view(shown: Open) -> np.ndarray:
     """Place, direction and upward direction of the browser's camera."""
     shown.page.wait_for_timeout(SETTLED_MS)
-    (client,) = shown.server._server.get_clients().values()
+    (client,) = shown.server._page._server.get_clients().values()
     camera = client.camera
     return np.concatenate([camera.position, camera.look_at, camera.wxyz, camera.up_direction])
 
