@@ -150,9 +150,9 @@ def test_only_a_side_that_had_several_peers_reports_the_accounts_of_earlier_ones
     summary = own(result, role)
     part = summary[role]
     assert part is not None
+    former = former_part([Heard(1, {"ledger.margin_J": 0.01, "sent_nJ": 7}, True, 0, 0)])
     for peers in (1, 2):
-        part["incarnations"] = peers
-        part["former"] = former_part([Heard(1, {"ledger.margin_J": 0.01, "sent_nJ": 7}, True, 0, 0)])
+        summary[role] = {**part, "incarnations": peers, "former": former}  # the result is of other tests too
         values = values_of(summary, role)
         assert (values.get("former.sent_nJ"), values.get("former.margin_J")) == (
             (7, 0.01) if peers > 1 else (None, None)
