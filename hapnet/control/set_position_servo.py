@@ -59,8 +59,8 @@ class SampledServo(Record):
     before, torque_path, boundary : for `quantisation`: the force that was held before, the sum of its changes [N], and
         its maximum distance from the spring's force [N].
     shown : the position for which `commanded` was computed [m].
-    longest : the longest time for which a force may be held [s]; later ticks are late. speed : the device's maximum
-        speed, as declared [m/s]; below 0: it is unknown, and overruns are not counted.
+    longest : the longest time for which a force may be held [s], infinite without `holding`; later ticks are late.
+    speed : the device's maximum speed, as declared [m/s].
     overrun_leak : energy that held torques output beyond the account while the servo was later than allowed [J].
     overrun_risk : the most energy that the device may have output beyond the account and taken back in between [J].
     follows, followed, before_J, least_J : whether a late tick's path is followed (then it has no risk), for how long so
@@ -135,7 +135,7 @@ class SampledServo(Record):
         """Time without a command after which the device itself ends the force [s]; infinite: it does not."""
         self.guard = guard or ForceGuard()
         self.longest = math.inf if holding is None else holding.time * (1.0 + 1e-9) + 1e-9  # whole nanoseconds
-        self.speed = -1.0 if holding is None else holding.speed
+        self.speed = 0.0 if holding is None else holding.speed
         self._hold_time = HoldTime(self.longest, math.inf if holding is None else holding.most)
         self.measured = MeasuredHarvest(self.trusted_damping, resolution)
         self.position, self.low, self.high, self.shown = [list(position) for _ in range(4)]
@@ -280,7 +280,7 @@ def come(servo: SampledServo, coupling: SetPositionCoupling, dt: float, x: Reals
         return
     before, least = (servo.before_J, servo.least_J) if servo.follows else (stored(servo, coupling), math.inf)
     move(servo, coupling, dt - (servo.followed if servo.follows else 0.0), x)
-    if dt > servo.longest and servo.speed >= 0.0:
+    if dt > servo.longest:
         servo.overrun_leak += max(0.0, -min(least, stored(servo, coupling)) - max(0.0, -before))
         if not servo.follows:
             far = servo.speed * dt + servo.rounding

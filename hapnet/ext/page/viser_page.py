@@ -43,7 +43,7 @@ IDLE_S, UNSEEN_S = 0.1, 1.0
 
 
 class ViserPage:
-    """The page that shows `history`, drawn until `close`. Arguments as of `hapnet.ext.page.server.serve`.
+    """The page that shows `history`, drawn until `end_drawing`. Arguments as of `hapnet.ext.page.server.serve`.
 
     Raises MissingLibrary: viser is not installed.
     """
