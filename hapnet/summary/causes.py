@@ -77,9 +77,7 @@ CAUSES: Mapping[str, Cause] = MappingProxyType({
     ),
     "no fit": Cause(None, 0, "the accounts of the two sides do not match"),
     "restart": Cause(None, 0, "the account of an earlier {side} is not known"),
-    "former": Cause(
-        None, INCOMPLETE, "the rest of the account of an earlier {side} is missing since its last report"
-    ),
+    "former": Cause(None, 0, "the rest of the account of an earlier {side} is missing since its last report"),
     "early": Cause(None, CONTRADICTED, "the {side} credited {energy} mJ before the {other} sent it"),
     "contradiction": Cause(
         None, CONTRADICTED, "another sender used the {side}'s name: {messages}"
